@@ -40,7 +40,8 @@ class Cancellation {
   }
 
   // For as long as it lives, Cancel() calls `cancel`. Calls it at once if already cancelled, and
-  // never if `cancellation` is nullptr.
+  // never if `cancellation` is nullptr. `cancel` runs under the lock, so it must not use this
+  // Cancellation; the destructor waits until it has returned.
   class Registration {
    public:
     Registration(Cancellation* cancellation, std::function<void()> cancel)

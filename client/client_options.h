@@ -42,7 +42,7 @@ struct ClientOptions {
   CallDeadlines deadlines = {};
   RetryPolicy retry = {};
   // Also retries StartPrediction. gRPC does these retries: with the backoff of `retry`, but at most
-  // five attempts, and none after many recent failures.
+  // five attempts, none after many recent failures, and none of requests over 64 MiB.
   bool retry_started = false;
   // When the server rejects more than a sixth of the predictions as too many, or runs out of time
   // for them, the client sends only about a fifth more than the server accepts. That is enough to

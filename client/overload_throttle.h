@@ -35,8 +35,8 @@ class OverloadThrottle {
   explicit OverloadThrottle(uint64_t seed = std::random_device{}()) : random_(seed) {}
 
   // Returns OK if a call with this timeout may be sent. Otherwise returns RESOURCE_EXHAUSTED,
-  // HELD_BACK, with the delay that the server last asked for. A call that can wait longer than the
-  // refused ones is always sent.
+  // HELD_BACK, with the delay that the server last asked for. A call whose timeout is more than
+  // 1.25 times that of any call refused lately is always sent.
   absl::Status Admit(absl::Duration timeout, absl::Time now);
 
   // Records how an admitted call ended. A call that did not reach the server does not count. A call

@@ -13,6 +13,8 @@ Request WithoutQuery(const v1::PredictRequest& request) {
   result.set_model(request.model());
   *result.mutable_scenarios() = request.scenarios();
   result.set_priority(request.priority());
+  result.set_include_action_names(request.include_action_names());
+  *result.mutable_required_action_names() = request.required_action_names();
   result.set_strict(request.strict());
   return result;
 }

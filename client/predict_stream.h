@@ -28,8 +28,9 @@ class PredictStream {
   // Cancels what is in flight, unless Finish was called.
   virtual ~PredictStream() = default;
 
-  // Sends a request; returns when it is on its way. UNAVAILABLE once the stream is broken; Finish
-  // then says why, and a new stream is needed.
+  // Sends a request. Returns when it is on its way: waits while the server reads no further
+  // request. UNAVAILABLE once the stream is broken; Finish then says why, and a new stream is
+  // needed. FAILED_PRECONDITION after Finish.
   //   timeout: the server gives up on this request this long after it arrives; unset: never.
   virtual absl::Status Send(const std::string& request_id, const v1::PredictRequest& request,
                             std::optional<absl::Duration> timeout = std::nullopt) = 0;

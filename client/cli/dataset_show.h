@@ -1,4 +1,4 @@
-// maneuver dataset show.
+// maneuver dataset show: describes a dataset, and draws some of its recordings.
 
 #ifndef MANEUVER_CLIENT_CLI_DATASET_SHOW_H_
 #define MANEUVER_CLIENT_CLI_DATASET_SHOW_H_

@@ -16,15 +16,19 @@
 
 namespace maneuver::cli {
 
+// Reads recordings from dataset folders by their indexes, which it opens when they are first
+// needed. Not thread-safe.
 class FoundScenes {
  public:
-  //   folders: of the datasets that were tagged; each has the name that its tags have
+  //   set: must outlive this object
+  //   folders: of the datasets that were tagged; each bears the name that the tags give its dataset
   FoundScenes(const tags::TagSet& set, const std::vector<std::string>& folders);
 
-  // Returns the recording of a match as a scene. Its targets are those of the match: one or two. Its
-  // prediction time is the beginning of the row, or with `at_peak` of its most surprising window.
-  // Errors: NOT_FOUND if no folder has the dataset's name; FAILED_PRECONDITION if the dataset is not
-  // the one that was tagged; those of data::RecordingIndex.
+  // Returns the recording of a match as a scene. Its targets are those of the match: one or two.
+  // Its prediction time is the beginning of the row, or with `at_peak` of its most surprising
+  // window. Errors: NOT_FOUND if no folder has the dataset's name, or the dataset lacks the
+  // recording; FAILED_PRECONDITION if the dataset is not the one that was tagged; those of
+  // data::ReadDatasetManifest and of data::RecordingIndex.
   absl::StatusOr<v1::Scenario> Scene(const tags::Match& match, bool at_peak);
   // Returns the recording as it was recorded. Errors: as above.
   absl::StatusOr<v1::Scenario> Recording(const tags::Match& match);

@@ -21,7 +21,8 @@ struct LoadScenes {
   uint64_t seed = 1;               // of the town
 };
 
-// Returns scenes with at least one target each. NOT_FOUND if there is none.
+// Returns scenes with at least one target each. NOT_FOUND if there is none; other errors: those of
+// ReadScenarios for files, of ListScenarios and GetScenario (scenario_source.h) for a dataset.
 absl::StatusOr<std::vector<v1::Scenario>> ReadLoadScenes(const LoadScenes& wanted,
                                                          Environment& environment);
 

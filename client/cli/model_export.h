@@ -1,4 +1,4 @@
-// maneuver model export: a model's networks for other engines.
+// maneuver model export: writes a model's networks to an ONNX file for other engines.
 
 #ifndef MANEUVER_CLIENT_CLI_MODEL_EXPORT_H_
 #define MANEUVER_CLIENT_CLI_MODEL_EXPORT_H_

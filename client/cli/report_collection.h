@@ -24,9 +24,9 @@ absl::StatusOr<std::optional<v1::Job>> TrainingJobOf(const std::string& version,
                                                      Environment& environment);
 
 // Gathers what is known about a version: its actions, its evaluation on `dataset` (or its newest
-// one), other versions' evaluations on the same examples, its learning curves, and scenes.
-// ReportData::missing names what the server does not have. Fails only if there is no such version,
-// or no evaluation on `dataset`.
+// one), evaluations of at most eight other versions on the same examples, its learning curves, and
+// scenes. ReportData::missing names what the server does not have. NOT_FOUND if there is no such
+// version, or no evaluation on `dataset`; other errors of the calls that read these two.
 //   model: as in GetModelVersionRequest.name
 //   dataset: datasets/{dataset}
 absl::StatusOr<report::ReportData> CollectVersion(const std::string& model,
@@ -34,7 +34,8 @@ absl::StatusOr<report::ReportData> CollectVersion(const std::string& model,
                                                   Environment& environment);
 
 // Gathers the same for the version that a job trained or measured. For a training without a version
-// (yet), gathers its curves. INVALID_ARGUMENT for a cross-validation.
+// (yet), gathers its curves. INVALID_ARGUMENT for a cross-validation; FAILED_PRECONDITION for an
+// evaluation that has measured nothing.
 absl::StatusOr<report::ReportData> CollectJob(const v1::Job& job, Environment& environment);
 
 }  // namespace maneuver::cli

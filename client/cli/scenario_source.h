@@ -11,7 +11,8 @@
 
 namespace maneuver::cli {
 
-// List the recordings of a source, or read one of them.
+// List the recordings of a source, or read one of them. Errors: NOT_FOUND for a folder without
+// dataset.json; those of reading a dataset folder, or of the call.
 //   source: a folder with dataset.json, or datasets/NAME.
 //   most: list at most this many; 0: all.
 absl::StatusOr<v1::ListScenariosResponse> ListScenarios(const std::string& source, int64_t most,

@@ -42,7 +42,8 @@ struct LoadPlan {
   std::chrono::nanoseconds duration{std::chrono::seconds(10)};
   std::optional<int64_t> calls = {};           // ends after this many, warm-up included
   std::optional<DeadlineRange> deadline = {};  // without it, a call may take `patience`
-  // For an open loop. Calls beyond this wait for their turn and are late.
+  // For an open loop. Calls beyond this wait for their turn and are late. Those that still wait
+  // when the load run ends are not sent (Tally::unsent).
   int max_in_flight = 10'000;
   // How long a call without a deadline may take.
   std::chrono::nanoseconds patience{std::chrono::seconds(30)};
@@ -74,7 +75,7 @@ struct Progress {
 // Runs the plan to its end, then waits until every call that was due has ended or reached its
 // deadline. Returns the results. When it returns, no call is in progress.
 //   timeline: must outlive the callee's calls.
-//   stop: once cancelled, calls in progress are abandoned and the window ends.
+//   stop: once cancelled, the window ends, and calls in progress are cancelled and not counted.
 //   on_progress: called about every 100 ms; may be empty.
 Tally RunLoad(const LoadPlan& plan, Callee& callee, Timeline& timeline, client::Cancellation& stop,
               const std::function<void(const Progress&)>& on_progress = {});

@@ -53,9 +53,9 @@ HistogramChange Change(const MetricsPage& before, const MetricsPage& after, std:
                        const MetricLabels& labels = {});
 
 // Fetches a page over plain HTTP: http://HOST:PORT/PATH, or HOST:PORT alone for its /metrics.
-// INVALID_ARGUMENT for any other address. UNAVAILABLE if the server takes longer than `patience` to
-// connect or to send something, or if the page is longer than 16 MiB or is still arriving after
-// `patience`.
+// INVALID_ARGUMENT for any other address. UNAVAILABLE if nobody listens there, if the answer is not
+// 200 OK, if the server takes longer than `patience` to connect or to send something, or if the
+// page is longer than 16 MiB or is still arriving after `patience`.
 absl::StatusOr<MetricsPage> FetchMetrics(
     const std::string& url, std::chrono::milliseconds patience = std::chrono::seconds(2));
 

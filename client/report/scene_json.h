@@ -21,9 +21,11 @@ nlohmann::json PointsJson(const v1::Trajectory& trajectory, const std::vector<in
 nlohmann::json DistributionJson(const v1::ActionDistribution& distribution,
                                 const std::vector<int>& waypoints);
 
-// Returns everything near the target, in the target's frame: map features cut to the view and
-// thinned where lines are straight, the states of agents from one second before the prediction time
-// to the last waypoint, and signals.
+// Returns what the page shows of a scene: the scores and groups of the example, its probabilities
+// and responsibilities, the truth and the distributions; and everything near the target, in the
+// target's frame: map features cut to the view and thinned where lines are straight, the states of
+// the target and of at most the 79 nearest agents from one second before the prediction time to the
+// last waypoint, and signals.
 //   waypoints: indices of the waypoints to draw
 //   horizon: time of the last waypoint, seconds
 nlohmann::json SceneJson(const Scene& scene, const std::vector<int>& waypoints, double horizon);

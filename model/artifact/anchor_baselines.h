@@ -56,15 +56,17 @@ struct StoredBaselines {
 // actions is left out.
 v1::ModelSpec AnchorSpec(const v1::ModelSpec& model);
 
-// Adds baselines to a model folder. INVALID_ARGUMENT for what ReadBaselines would refuse.
+// Adds baselines to a model folder. INVALID_ARGUMENT for what ReadBaselines would refuse; errors of
+// files.
 absl::Status WriteBaselines(const std::filesystem::path& folder, const StoredBaselines& baselines);
 
 // Reads the baselines of a folder. NOT_FOUND if it has none; DATA_LOSS with the reason if a file is
-// missing, truncated or altered (SHA-256), or a tensor is missing, of another shape or not finite.
+// missing, truncated, altered (SHA-256) or of another format version, or a tensor is missing, of
+// another shape, not finite or no covariance.
 absl::StatusOr<StoredBaselines> ReadBaselines(const std::filesystem::path& folder);
 
 // Copies the baselines of one model folder to another, if there are any. A pruned model is still
-// compared with the baselines of the whole one.
+// compared with the baselines of the whole one. Errors: those of reading and writing them.
 absl::Status CopyBaselines(const std::filesystem::path& from, const std::filesystem::path& to);
 
 }  // namespace maneuver::artifact

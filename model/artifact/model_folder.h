@@ -19,13 +19,14 @@ struct StoredModel {
 };
 
 // Writes `folder` completely or not at all: writes a temporary folder beside it, syncs it and
-// renames it. Fills in manifest.weights_sha256 and format_version. ALREADY_EXISTS if `folder`
-// exists; INVALID_ARGUMENT for a model that ReadModelFolder would refuse. `actions` are all K in
-// order, or none yet.
+// renames it. Fills in manifest.weights_sha256 and format_version. The manifest's actions are all K
+// in order, or none yet; their display names are not stored. ALREADY_EXISTS if `folder` exists;
+// INVALID_ARGUMENT for a model that ReadModelFolder would refuse; errors of files.
 absl::Status WriteModelFolder(const std::filesystem::path& folder, StoredModel model);
 
-// Reads the manifest alone and does not check the weights. DATA_LOSS with the reason if any byte of
-// it is damaged. A manifest of an older release carries no digest, and damage may go unnoticed.
+// Reads the manifest alone and does not check the weights. NOT_FOUND if there is no such folder;
+// DATA_LOSS with the reason if any byte of the manifest is damaged. A manifest of an older release
+// carries no digest, and damage may go unnoticed.
 absl::StatusOr<v1::ModelManifest> ReadModelManifest(const std::filesystem::path& folder);
 
 // Returns whether model.json carries its digest. A rewritten manifest always does.
@@ -37,7 +38,8 @@ bool HasManifestDigest(const std::filesystem::path& folder);
 absl::StatusOr<StoredModel> ReadModelFolder(const std::filesystem::path& folder);
 
 // Replaces model.json alone, atomically (actions and their labels, metrics). INVALID_ARGUMENT
-// unless `manifest` was read from this folder: spec and SHA-256 go with the weights.
+// unless `manifest` is valid and was read from this folder: spec and SHA-256 go with the weights.
+// Other errors: those of ReadModelManifest, and of files.
 absl::Status RewriteModelManifest(const std::filesystem::path& folder,
                                   const v1::ModelManifest& manifest);
 

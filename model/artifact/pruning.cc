@@ -4,19 +4,23 @@
 #include <set>
 #include <string>
 
-#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "model/artifact/model_spec.h"
 
 namespace maneuver::artifact {
 namespace {
 
-// Returns whether a tensor's leading dimension counts actions.
-bool CountsActions(const std::string& name, const v1::ModelSpec& spec) {
-  const std::string last_predictor_layer =
-      absl::StrCat("action_predictor.", spec.action_predictor().hidden_size(), ".");
-  return absl::StartsWith(name, last_predictor_layer) ||
-         absl::StartsWith(name, "scenario_encoder.") || absl::StartsWith(name, "mixture.") ||
-         name == "decoder.covariance";
+// Returns the names of the tensors whose leading dimension counts actions: those that would have
+// another shape with one action more.
+std::set<std::string> TensorsThatCountActions(v1::ModelSpec spec) {
+  const auto shapes = TensorShapes(spec);
+  spec.set_actions(spec.actions() + 1);
+  const auto longer = TensorShapes(spec);
+  std::set<std::string> names;
+  for (const auto& [name, shape] : shapes) {
+    if (longer.at(name) != shape) names.insert(name);
+  }
+  return names;
 }
 
 Tensor Rows(const Tensor& tensor, std::span<const int> kept) {
@@ -44,8 +48,9 @@ absl::StatusOr<StoredModel> PruneActions(const StoredModel& model, std::span<con
   if (kept.size() < 2) return absl::InvalidArgumentError("kept: a model has at least two actions");
 
   StoredModel pruned{model.manifest, {}};
+  const std::set<std::string> count_actions = TensorsThatCountActions(spec);
   for (const auto& [name, tensor] : model.weights) {
-    pruned.weights[name] = CountsActions(name, spec) ? Rows(tensor, kept) : tensor;
+    pruned.weights[name] = count_actions.contains(name) ? Rows(tensor, kept) : tensor;
   }
   // ln p(y) is stored normalised.
   std::vector<float>& log_weights = pruned.weights.at("mixture.log_weight").values;

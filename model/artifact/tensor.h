@@ -58,7 +58,7 @@ struct Tensor {
 //
 // For actions that look at the lanes. G, A = pair_width, features of the spec's action_geometry;
 // u_yi are the 18 numbers of action y and path i, v_y the 13 of action y
-// (inference/action_geometry.h):
+// (scene/action_geometry.h):
 //
 //   action_geometry.pair.weight   [G, 18]
 //   action_geometry.path.weight   [G, P]

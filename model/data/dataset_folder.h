@@ -28,7 +28,8 @@ struct DatasetWriterOptions {
 };
 
 // Writes a new dataset folder completely or not at all: shards go to a temporary folder beside it,
-// which Commit syncs and renames. Not thread-safe.
+// which Commit syncs and renames. Not thread-safe. Errors of all methods, besides those that they
+// name: those of ErrnoStatus (errno_status.h).
 class DatasetWriter {
  public:
   // Begins a dataset folder. ALREADY_EXISTS if `folder` exists. `origin` becomes Dataset.origin.
@@ -51,11 +52,13 @@ class DatasetWriter {
 
 // Reads and checks everything: the SHA-256 and record count of each shard, and the CRCs. Each
 // record must be a valid scenario with a unique id, or an annotation of such a scenario. DATA_LOSS
-// names the file and the reason.
+// names the file and the reason; NOT_FOUND if the folder has no manifest.
 absl::Status VerifyDatasetFolder(const std::filesystem::path& folder);
 
-// Calls `visit` with each recording, in order, until it returns false. kSkip skips damaged records.
-// If the framing is damaged, it also skips all later records of that shard.
+// Calls `visit` with each recording, in order, until it returns false. NOT_FOUND if the folder has
+// no manifest. kStop returns DATA_LOSS, naming the file, at the first damage; before it calls
+// `visit`, it checks the folder as ReadDatasetManifest does. kSkip skips damaged records. If the
+// framing is damaged, it also skips all later records of that shard.
 //   skipped: if given, incremented for each skipped record
 absl::Status ForEachScenario(const std::filesystem::path& folder, OnDamage on_damage,
                              const std::function<bool(v1::Scenario&&)>& visit,

@@ -32,7 +32,7 @@ std::string PrintDatasetManifest(const v1::Dataset& manifest);
 std::string ContentSha256(const v1::Dataset& manifest);
 
 // Reads dataset.json and checks it by itself, without the shards. NOT_FOUND if it is missing;
-// DATA_LOSS if it has a fault, or any byte of it is damaged (files/sealed_json.h). A file from an
+// DATA_LOSS if it has a fault, or its content is damaged (files/sealed_json.h). A file from an
 // older release or another tool has no digest, so damage to it may go unnoticed.
 absl::StatusOr<v1::Dataset> LoadDatasetManifest(const std::filesystem::path& folder);
 // Writes dataset.json, with its digest, in one step.

@@ -43,7 +43,8 @@ struct DatasetStoreOptions {
 
 // Ids must be valid (security::ParseDatasetName). Datasets are immutable: what a caller has read
 // stays true for as long as the dataset exists. Reading, describing or detaching an unknown dataset
-// returns NOT_FOUND. Thread-safe.
+// returns NOT_FOUND. Other errors, besides those that a method names: DATA_LOSS for a damaged
+// dataset, and those of ErrnoStatus (errno_status.h). Thread-safe.
 class DatasetStore {
  public:
   // Opens the store and creates its folder if needed. Removes what interrupted commits and
@@ -94,14 +95,15 @@ class DatasetStore {
   absl::StatusOr<std::filesystem::path> Detach(const std::string& id);
 
   // Returns summaries of at most `limit` recordings, in order, from index `begin`. The first call
-  // for a dataset reads all of it.
+  // for a dataset reads all of it. Summaries of 16 datasets stay in memory.
   absl::StatusOr<std::vector<v1::ScenarioSummary>> ListScenarios(const std::string& id,
                                                                  size_t begin, size_t limit);
   // Counts what a dataset contains (DescribeDataset, dataset_folder.h). Reads all of it on a
   // quarter of the cores, at most four, and keeps the answer beside the shards for the next call.
   absl::StatusOr<v1::DatasetSummary> Describe(const std::string& id, const v1::ModelSpec& spec,
                                               const v1::ExampleSettings& settings) const;
-  // Returns one recording. Reads it from its place, by the indexes of its dataset.
+  // Returns one recording. Reads it from its place, by the indexes of its dataset. NOT_FOUND if the
+  // dataset does not have it.
   absl::StatusOr<v1::Scenario> GetScenario(const std::string& id,
                                            const std::string& scenario_id) const;
 

@@ -29,20 +29,16 @@ struct Example {
   std::vector<float> reference;
 };
 
-// Two states further apart than this many frame intervals have a gap between them: one frame may be
-// missing, two may not.
-inline constexpr double kMaxGapFrames = 2.5;
-
 // Enumerates the examples of one recording, ordered by agent, then by time. Spec and settings must
 // be complete (no unset fields). Without a stride there are no examples.
 //
 // Example times lie on a grid: multiples of the stride on the scenario's clock. At each, the
 // target's nearest state within half a frame interval counts. The grid does not start with each
 // track, so one track never moves the examples of another. An example needs
-//   - a target of a type that the spec learns from (ModelSpec.target_types), all of whose states are
-//     possible (scene::IsPhysicallyPossible);
+//   - a target of a type that the spec learns from (ModelSpec.target_types), all of whose states
+//     are possible (scene::IsPhysicallyPossible);
 //   - a past: a state at the oldest of the history_frames, within half a frame interval, and no gap
-//     since then;
+//     (scene::ObservationWindow::max_gap) since then;
 //   - a future without gaps over the whole horizon;
 //   - no step in that time faster than max_speed (if above 0) or than its type can move
 //     (MostSpeed): a faster one is a tracking error.

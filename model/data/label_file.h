@@ -34,7 +34,7 @@ struct CheckedLabels {
 inline constexpr size_t kMostLabelProblems = 50;
 
 // Reads labels and checks them against the recordings of a dataset folder. The text is
-// comma-separated and begins with this header:
+// comma-separated and begins with this header, after a byte order mark if it has one:
 //
 //   recording,target,time,action
 //   town-1-17,23,4.5,turn_left
@@ -44,7 +44,8 @@ inline constexpr size_t kMostLabelProblems = 50;
 // if
 //   - it does not parse;
 //   - the folder lacks the recording, or the recording lacks the target;
-//   - the target is not a vehicle, or has no state around that time;
+//   - the target is not a vehicle, or the time is more than 0.05 s before its first state or after
+//     its last one;
 //   - `actions` is not empty and lacks the action;
 //   - an earlier line labels the same moment of the same target.
 // The returned status is an error only if the folder cannot be read.
@@ -54,7 +55,7 @@ absl::StatusOr<CheckedLabels> CheckLabels(std::string_view text,
 
 // Makes a new dataset folder from the shards of `folder` and one shard with these annotations.
 // Leaves `folder` unchanged; both share files if the file system can. ALREADY_EXISTS if `output`
-// exists; INVALID_ARGUMENT without annotations.
+// exists; INVALID_ARGUMENT without annotations; errors of ReadDatasetManifest and of files.
 absl::StatusOr<v1::Dataset> AnnotateDataset(const std::filesystem::path& folder,
                                             const std::vector<v1::ManeuverAnnotation>& annotations,
                                             const std::filesystem::path& output);

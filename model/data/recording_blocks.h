@@ -45,7 +45,7 @@ class RecordingBlocks {
   using Wanted = std::function<bool(const std::string& scenario_id)>;
 
   //   data_memory: bytes
-  //   keep_going: asked between recordings; false ends Open or ForEach with CANCELLED
+  //   keep_going: asked between recordings, never empty; false ends Open or ForEach with CANCELLED
   //   wanted: blocks hold these recordings alone; empty: all
   // Errors: those of ForEachScenario, which stops at damage.
   static absl::StatusOr<RecordingBlocks> Open(const std::filesystem::path& folder,

@@ -37,8 +37,8 @@ class RecordingIndex {
   // be written to. Errors: those of ReadDatasetManifest; DATA_LOSS for a damaged shard.
   static absl::StatusOr<RecordingIndex> Open(const std::filesystem::path& folder,
                                              const Report& report = {});
-  // Reads the index of one shard of scenarios of the folder's manifest. Errors: DATA_LOSS for a
-  // damaged shard.
+  // Reads the index of one shard of scenarios of the folder's manifest. DATA_LOSS for a damaged
+  // shard; errors of files for one that cannot be read.
   static absl::StatusOr<RecordingIndex> OpenShard(const std::filesystem::path& folder,
                                                   const v1::Shard& shard,
                                                   const Report& report = {});

@@ -1,7 +1,7 @@
 // Reads the records of a dataset's shards. Private to this folder's .cc files.
 
-#ifndef MANEUVER_MODEL_DATA_DATASET_LAYOUT_H_
-#define MANEUVER_MODEL_DATA_DATASET_LAYOUT_H_
+#ifndef MANEUVER_MODEL_DATA_SHARD_RECORDS_H_
+#define MANEUVER_MODEL_DATA_SHARD_RECORDS_H_
 
 #include <cstddef>
 #include <cstdint>
@@ -38,4 +38,4 @@ absl::Status NotAMessage(const v1::Shard& shard, uint64_t offset, std::string_vi
 
 }  // namespace maneuver::data
 
-#endif  // MANEUVER_MODEL_DATA_DATASET_LAYOUT_H_
+#endif  // MANEUVER_MODEL_DATA_SHARD_RECORDS_H_

@@ -34,25 +34,29 @@ struct TfRecordReaderOptions {
 // longest record that really exists.
 class TfRecordReader {
  public:
+  // Opens the file. Errors: those of OpenPlain (byte_source.h).
   static absl::StatusOr<std::unique_ptr<TfRecordReader>> Open(
       const std::filesystem::path& file, const TfRecordReaderOptions& options = {});
   virtual ~TfRecordReader() = default;
 
   // Reads the next payload. OUT_OF_RANGE at the end of the file. DATA_LOSS, with file and offset,
-  // for a damaged record; if can_continue(), the next call reads the record after it.
+  // for a record that is damaged or cannot be read; if can_continue(), the next call reads the
+  // record after it.
   virtual absl::Status Next(std::string* payload) = 0;
-  // Returns false once the framing is lost: a wrong length, a truncated file.
+  // Returns false once the framing is lost: a wrong length, a truncated file, an error of reading.
   virtual bool can_continue() const = 0;
   // Returns the offset of the latest record that Next read, in bytes of the uncompressed stream.
   virtual uint64_t offset() const = 0;
 };
 
 // Reads the payload of the record at `offset` of a file that is not packed. DATA_LOSS, naming file
-// and offset, if there is no undamaged record of `payload_bytes` there. Safe to call from any thread.
+// and offset, if there is no undamaged record of `payload_bytes` there; an error of files if it
+// cannot be opened. Safe to call from any thread.
 absl::StatusOr<std::string> ReadRecordAt(const std::filesystem::path& file, uint64_t offset,
                                          uint64_t payload_bytes);
 
-// Appends records to a new file. ALREADY_EXISTS if there is a file of that name.
+// Appends records to a new file. Not thread-safe. Errors: those of files::OutputFile, such as
+// ALREADY_EXISTS if there is a file of that name.
 class TfRecordWriter {
  public:
   static absl::StatusOr<std::unique_ptr<TfRecordWriter>> Create(const std::filesystem::path& file);

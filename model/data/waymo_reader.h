@@ -23,8 +23,8 @@ namespace maneuver::data {
 // Lanes declare their successors (exit_lanes, and the entry_lanes of other lanes) and neighbours,
 // as many as ScenarioLimits accepts.
 //
-// INVALID_ARGUMENT if it does not parse, has no tracks, or its times do not increase or do not
-// match its states.
+// INVALID_ARGUMENT if it does not parse, has no tracks, its times do not increase or do not match
+// its states, or current_time_index is none of them.
 absl::StatusOr<v1::Scenario> ParseWaymoScenario(std::string_view serialized);
 
 }  // namespace maneuver::data

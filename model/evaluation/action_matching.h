@@ -28,13 +28,13 @@ namespace maneuver::evaluation {
 // has fewer) costs p / 2 times the largest of all d. The result also contains
 //   mean_distance   sum w d / sum w, metres, over the pairs
 //   tolerance       kToleranceSpeed times the horizon: 2 m at 5 s
-//   agreeing_share  for each model, the sum of its shares over the pairs with d <= tolerance, 0 to
-//   1
+//   agreeing_share  for each model, the sum of its shares over the pairs with d <= tolerance, from
+//                   0 to 1
 //
 // Shares come from the manifests (validation examples). For models whose actions are relative to
 // the present motion, the generic means are those that the manifests store, at 10 m/s.
-// INVALID_ARGUMENT if a manifest has no effective action, the models' waypoints are at different
-// times, or only one model has a reference.
+// INVALID_ARGUMENT if a manifest has no effective action, or one whose mean trajectory lacks
+// waypoints; if the models' waypoints are at different times; or if only one model has a reference.
 absl::StatusOr<v1::ActionMatching> MatchActions(const v1::ModelManifest& first,
                                                 const v1::ModelManifest& second);
 

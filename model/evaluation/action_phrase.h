@@ -36,7 +36,8 @@ struct ActionEvidence {
 };
 
 inline constexpr int kTellingExamples = 10;
-// If this share of an action's examples turns, it is a turn even if its mean alone leaves that open.
+// If this share of an action's examples turns, it is a turn even if its mean alone leaves that
+// open.
 inline constexpr double kTellingShare = 0.6;
 
 // Describes an action of a model in metres: the place that its mean leads to. All distances and
@@ -67,14 +68,14 @@ ActionPhrase PlacePhrase(const ActionEvidence& evidence);
 
 // Describes an action of a model whose trajectories are relative to the present motion. `mean` is
 // that of a target that drives straight on at inference::kActionSetSpeed. The deviation e(t) from
-// straight on is what the action does, at any speed. T is the horizon, w = |e_y(T)| (5 s / T)^2, and
-// a = g 5 s / T, where g is the speed along x in the last second less kActionSetSpeed:
+// straight on is what the action does, at any speed. T is the horizon, w = |e_y(T)| (5 s / T)^2,
+// and a = g 5 s / T, where g is the speed along x in the last second less kActionSetSpeed:
 //
 //   left turn            w >= 4.5 m and at least kTellingShare of the examples turn left; or w >=
 //                        9.5 m and no other class is more frequent among the examples, or there are
-//                        too few examples to tell. ", tight" where
-//                        the course over the last second, times 5 s / T, is 40 degrees or more off
-//                        straight on, ", wide" below 15 degrees
+//                        too few examples to tell. ", tight" where the course over the last
+//                        second, times 5 s / T, is 40 degrees or more off straight on, ", wide"
+//                        below 15 degrees
 //   lane change left     1.2 m <= w <= 7.5 m and at least half of the examples are lane changes to
 //                        the left
 //   bear left            w >= 4.5 m

@@ -80,8 +80,8 @@ class AnswerComparison {
   };
 
   AnswerComparison() = default;
-  // Returns the probabilities of the symbols: numbers of outcomes that mean the same in both
-  // versions.
+  // Adds up the probabilities of the actions that have the same symbol. A symbol is the number of a
+  // common outcome: one number means the same in both versions.
   Eigen::VectorXd SymbolProbabilities(const Eigen::VectorXd& probabilities,
                                       std::span<const Eigen::Index> symbols) const;
   void MatchSymbols(const v1::ModelManifest& first, const v1::ModelManifest& second);

@@ -27,7 +27,7 @@ class ContingencyTable {
   // Returns the majority of each cluster that has a pair.
   std::map<int, Majority> Majorities() const;
 
-  // Returns the share of the pairs whose class is the majority of their cluster, in (0, 1].
+  // Returns the share of the pairs whose class is the majority of their cluster; 0 without pairs.
   double Purity() const;
 
   // Returns the share of the pairs in clusters of at least this purity, in [0, 1].

@@ -84,7 +84,7 @@ struct EvaluationInput {
 //   labelled_examples                      the number of examples of those two
 //   covernet_NAME, multipath_NAME          of the anchor baselines of the model's folder, if given
 //                                          (artifact/anchor_baselines.h): ade_1, min_ade_k, fde_1,
-//                                          min_fde_k, the miss rates, nll, nll_joint,
+//                                          min_fde_k, brier_fde_k, the miss rates, nll, nll_joint,
 //                                          effective_actions, action_perplexity, largest_share,
 //                                          mutual_information and calibration_error, as above, with
 //                                          the nearest anchor's one-hot in place of q(y|x,s)
@@ -112,7 +112,8 @@ struct EvaluationInput {
 // a RecordingGrouper. To group the recordings, all blocks are read once before they are measured.
 //
 // FAILED_PRECONDITION if the recordings contain no example, or if the baselines read other inputs
-// or predict other waypoints than the model; CANCELLED if `progress` returned false.
+// or predict other waypoints than the model; CANCELLED if `progress` returned false; OUT_OF_RANGE
+// if a number of the report is not finite (CheckFinite); errors of RecordingBlocks::ForEach.
 absl::StatusOr<v1::EvaluationReport> Evaluate(const inference::ActionModel& model,
                                               const EvaluationInput& input);
 

@@ -39,7 +39,8 @@ std::optional<MetricInfo> FindMetric(std::string_view name);
 bool CanDecide(std::string_view name);
 
 // Judges a candidate's value against the baseline's. A value that is not finite is worse than a
-// finite one; if neither is finite, the candidate is worse.
+// finite one; if neither is finite, the candidate is worse. METRIC_VERDICT_UNSPECIFIED for a metric
+// with Better::kNone.
 //   tolerance: how much worse a NO_WORSE candidate may be, in the metric's unit; 0 or more.
 v1::MetricVerdict Judge(const MetricInfo& metric, double baseline, double candidate,
                         double tolerance);

@@ -23,7 +23,8 @@
 namespace maneuver::evaluation {
 
 // Compares the model with each of kRivals by each of kComparedMetrics, if both have a column. The
-// difference is that of two means over the same examples.
+// difference is that of two means over the same examples. The verdict is undecided if its interval
+// contains 0, or with fewer than kLeastDecidingGroups groups.
 //   column: returns the column of a metric in the sums, or nothing.
 std::vector<v1::RivalComparison> CompareWithRivals(
     const Estimator& estimator, const std::function<std::optional<int>(std::string_view)>& column);
@@ -44,8 +45,9 @@ class RivalSums {
   void Add(size_t recording, const Measurement& measured);
 
   // Returns the standing over all examples, by speed, and by kinematic class. Leaves out parts
-  // without examples. The bootstrap draws groups from all recordings of the evaluation, as in
-  // cross-validation. Needs at least one measurement.
+  // without examples, and the comparisons of parts with fewer than kLeastComparedExamples. The
+  // bootstrap draws groups from all recordings of the evaluation, as in cross-validation. Needs at
+  // least one measurement.
   v1::RivalStandings MakeStandings(const BootstrapOptions& options = {}) const;
 
  private:

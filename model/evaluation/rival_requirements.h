@@ -20,9 +20,9 @@ struct RequirementFault {
 };
 RequirementFault CheckRequirement(const v1::RivalRequirement& requirement);
 
-// Returns where a version does not meet the requirements, in their order; empty if it meets all. If
-// there are too few examples in total, or the version was not compared with that rival, the
-// shortfall has no comparison.
+// Returns where a version does not meet the requirements, in their order; empty if it meets all.
+// Passes over strata of fewer than kLeastComparedExamples examples. If there are too few examples
+// in total, or the version was not compared with that rival, the shortfall has no comparison.
 //   requirements: CheckRequirement must find no fault in them.
 std::vector<v1::RivalShortfall> FindShortfalls(const v1::RivalStandings& standings,
                                                const RivalRequirements& requirements);

@@ -1,4 +1,5 @@
-// SHA-256 of bytes and files.
+// SHA-256 of bytes and files, in lower-case hexadecimal, 64 characters. Errors: those of
+// ErrnoStatus for files that cannot be read.
 
 #ifndef MANEUVER_MODEL_FILES_DIGEST_H_
 #define MANEUVER_MODEL_FILES_DIGEST_H_
@@ -25,7 +26,7 @@ class Sha256 {
   void Update(std::string_view bytes);
   // Adds the first `bytes` of a file, or all of them if it has fewer.
   absl::Status UpdateWithFile(const std::filesystem::path& file, int64_t bytes);
-  // Returns lower-case hexadecimal, 64 characters. Call once, last.
+  // Returns the digest. Call once, last.
   std::string Finish();
 
  private:

@@ -1,4 +1,5 @@
-// Writes files and folders completely or not at all, even across a power cut.
+// Writes files and folders completely or not at all, even across a power cut. Errors: those of
+// ErrnoStatus (errno_status.h). An error of syncing may come after the change was made.
 
 #ifndef MANEUVER_MODEL_FILES_DURABLE_FILE_H_
 #define MANEUVER_MODEL_FILES_DURABLE_FILE_H_

@@ -40,7 +40,7 @@ class FileReceiver {
 
   // Begins or continues an upload. Errors: those of `check_room`; UNAVAILABLE if fewer bytes have
   // arrived than `upload.arrived` says, or while an earlier upload of this id by this caller is
-  // being committed.
+  // being committed; errors of files.
   static absl::StatusOr<std::unique_ptr<FileReceiver>> Begin(std::shared_ptr<UploadStaging> staging,
                                                              FileUpload upload,
                                                              const CheckRoom& check_room);

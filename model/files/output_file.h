@@ -14,7 +14,8 @@
 
 namespace maneuver::files {
 
-// Buffers small writes. Not thread-safe. After an error every further call returns that error.
+// Buffers small writes. Not thread-safe. Errors: those of ErrnoStatus (errno_status.h). After an
+// error every further call returns that error.
 class OutputFile {
  public:
   // Creates the file. ALREADY_EXISTS if it exists.

@@ -1,5 +1,6 @@
-// JSON files that carry their own digest, so that any changed byte is noticed. The first line of
-// the object is
+// JSON files that carry their own digest, so that any changed byte is noticed. That takes a parser
+// that refuses unknown members: damage to "content_sha256" itself makes one. The first line of the
+// object is
 //
 //   "content_sha256": "SHA-256 of the file without this line, 64 hexadecimal digits",
 //
@@ -15,8 +16,8 @@
 
 namespace maneuver::files {
 
-// Returns `json` with its digest. `json` must be an object with at least one member that begins
-// with "{" and a line break.
+// Returns `json` with its digest. `json` must begin with "{" and a line break, and have at least
+// one member.
 std::string Seal(std::string_view json);
 
 // Returns whether `text` carries a digest. Files of older releases do not.

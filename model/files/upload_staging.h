@@ -40,7 +40,8 @@ uint64_t BytesOf(const std::vector<AnnouncedFile>& files);
 std::filesystem::path WholeFile(const std::filesystem::path& slot, const AnnouncedFile& file);
 std::filesystem::path PartOfFile(const std::filesystem::path& slot, const AnnouncedFile& file);
 
-// Returns for each file how many of its first bytes are there.
+// Returns for each file how many of its first bytes are there. The beginning of a file counts for
+// the first of several files that have the same content.
 std::vector<int64_t> ArrivedBytes(const std::filesystem::path& slot,
                                   const std::vector<AnnouncedFile>& files);
 // Removes everything in the slot that belongs to none of the files.
@@ -77,16 +78,19 @@ class UploadStaging {
   // with the totals of the other slots.
   absl::Status Announce(Slot& slot, const Bytes& bytes,
                         const std::function<absl::Status(const Others&)>& refuse);
+  // Counts `bytes` of those that the slot announced as missing as being on the disk now.
   void Arrived(Slot& slot, uint64_t bytes);
   // Ends the announcement. Call it when no call sends the upload any more.
   void End(Slot& slot);
 
+  // Makes the slot's folder, if it is missing. Errors: those of ErrnoStatus.
   absl::Status MakeFolder(const Slot& slot);
   // Remove the folder with its content, or only if it is empty.
   void RemoveFolder(const Slot& slot);
   void RemoveEmptyFolder(const Slot& slot);
 
-  // Removes the slots that no call uses and for which `is_over` returns true.
+  // Removes the slots that no call uses and for which `is_over` returns true. Errors: those of
+  // ErrnoStatus.
   //   last: when the last byte arrived
   absl::Status RemoveIf(const std::function<bool(const std::string& id,
                                                  std::filesystem::file_time_type last)>& is_over);

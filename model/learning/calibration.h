@@ -30,6 +30,7 @@ double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log
 //     scene predicts was learned before; here its speed factors are fitted to held-out examples
 //     (speed_factors.h);
 //   4. mixture.log_weight, the mean of p(y|s).
+// CANCELLED if `stopped` returns true; the networks are then calibrated in part.
 //   most: examples that are read of each source, drawn evenly
 //   count: called after each step
 absl::Status CalibrateModel(Networks& networks, const SceneSource& training_source,

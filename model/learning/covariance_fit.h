@@ -31,7 +31,7 @@ at::Tensor NllGradient(const Predictions& predictions, const at::Tensor& covaria
 // Returns the predictions of the action with the largest q(y|x,s) alone. [N, 1, ..]
 Predictions OfOwnAction(const Predictions& predictions);
 
-// The scale that makes held-out trajectories most likely under the few actions with the largest
+// The scale that makes held-out trajectories most likely under the four actions with the largest
 // q(y|x,s). Residuals on training examples are too small. p(y|s) is not used here: neighbouring
 // actions would then make up for one that is too narrow.
 struct CovarianceScale {

@@ -37,9 +37,11 @@ struct ExportOptions {
 // Writes a model whose manifest has no actions yet to `output`, completely or not at all. First the
 // engine that will serve the model loads it, decodes the generic action set, and measures it on the
 // held-out examples. So actions and metrics are those that the server would answer.
-// evaluation::NameActions names the actions. Errors: FAILED_PRECONDITION with
-// TrainingFailure::kCollapsed if fewer actions are effective; those of evaluation::Evaluate; those
-// of writing and loading the folder.
+// evaluation::NameActions names the actions. Without a held-out example there are no metrics, p(y)
+// over the training examples is the usage, and all actions count as effective. Errors:
+// FAILED_PRECONDITION with TrainingFailure::kCollapsed if fewer actions are effective, by at least
+// 100 examples; those of evaluation::Evaluate but FAILED_PRECONDITION; those of writing and loading
+// the folder.
 absl::StatusOr<v1::ModelManifest> ExportModel(artifact::StoredModel model, const TrainingData& data,
                                               const v1::ExampleSettings& examples,
                                               const ExportOptions& options);

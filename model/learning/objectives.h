@@ -88,7 +88,7 @@ struct PosteriorBranch {
   double huber = 0.0;
 };
 
-// -rho(x - decoded) / stddev^2 with the pseudo-Huber loss of each waypoint's distance e,
+// Returns -rho(x - decoded) / stddev^2 with the pseudo-Huber loss of each waypoint's distance e,
 //   rho(e) = h^2 (sqrt(1 + e^2 / h^2) - 1),
 // which is e^2 / 2 for e << h and h e for e >> h; summed over the waypoints. [...]
 //   trajectories, decoded: [..., 2T]
@@ -105,7 +105,7 @@ at::Tensor HeldCrossEntropy(const BaseModel& model);
 BoundTerms DualBound(const BaseModel& model, const PosteriorBranch& posterior);
 // Returns the bound of the unified model. The responsibilities get no gradient.
 //   exact_weight: 0: responsibilities as the paper prints them; otherwise exact ones with this
-//     weight of the posterior reconstruction
+//     weight of the posterior reconstruction, for which all actions must be decoded
 BoundTerms UnifiedBound(const BaseModel& model, const PosteriorBranch& posterior,
                         double exact_weight = 0.0);
 

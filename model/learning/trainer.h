@@ -78,7 +78,9 @@ std::vector<std::string> UsableDevices();
 // on the CPU. Nothing is left at `output` unless it succeeds. A rank other than 0 returns an empty
 // manifest.
 // Errors, with a FailureOf (training_failure.h) where several share a code:
-//   INVALID_ARGUMENT      LibTorch does not have the device here
+//   INVALID_ARGUMENT      LibTorch does not have the device here; the model to start from has
+//                         another spec; the ranks' settings differ, or their number does not
+//                         divide optimization.micro_batches
 //   FAILED_PRECONDITION   there are too few examples; the message says how many and what to do
 //   FAILED_PRECONDITION   the actions collapsed to fewer than least_effective_actions
 //   FAILED_PRECONDITION   the settings ask for labels that the model to start from does not have
@@ -88,6 +90,7 @@ std::vector<std::string> UsableDevices();
 //   RESOURCE_EXHAUSTED    memory ran out, or the disk is full
 //   UNAVAILABLE           kRankLost: another rank ended, or did not answer in time
 //   CANCELLED             `stopped` returned true; if checkpoints are kept, one was written
+//   INTERNAL              LibTorch failed
 //   others                those of artifact::WriteModelFolder
 absl::StatusOr<v1::ModelManifest> Train(const TrainingRun& run,
                                         const std::vector<std::filesystem::path>& datasets);

@@ -15,8 +15,8 @@
 
 namespace maneuver::learning {
 
-// Counts steps over phases and turns them into JobProgress messages: at most a few a second, one at
-// the start of each phase and one at the end of each epoch. Not thread-safe.
+// Counts steps over phases and turns them into JobProgress messages: one at the start of each
+// phase, one at the end of each epoch, and otherwise at most two a second. Not thread-safe.
 class TrainingProgress {
  public:
   using Clock = std::function<std::chrono::system_clock::time_point()>;
@@ -43,9 +43,11 @@ class TrainingProgress {
     std::vector<Steps> others = {};
   };
 
+  //   sink: receives the messages, on the calling thread; may be empty
   TrainingProgress(std::vector<Phase> phases, Sink sink, Clock clock);
 
-  // Begins the phase `name`, which must come later in the plan. Skips the phases between.
+  // Begins the phase `name`, which must come later in the plan: otherwise the program aborts. Skips
+  // the phases between.
   void BeginPhase(const std::string& name);
   // Replaces the plan once it is better known. Phases that are over stay over.
   void Replan(std::vector<Phase> phases);

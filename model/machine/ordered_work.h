@@ -63,7 +63,8 @@ class OrderedWork {
     return taken_ == count_ || finished_.contains(taken_);
   }
 
-  // Makes Claim return nothing from now on, so that the threads end.
+  // Makes Claim return nothing from now on, so that the threads end. Do not call Take afterwards:
+  // it would wait for results that nobody makes.
   void Stop() ABSL_LOCKS_EXCLUDED(mutex_) {
     {
       const MutexLock lock(mutex_);

@@ -15,16 +15,16 @@ struct DiagonalGaussian {
   Eigen::VectorXd stddev() const { return (0.5 * log_variance.array()).exp(); }
 };
 
-// ln p(z).
+// Returns ln p(z).
 double LogDensity(const DiagonalGaussian& p, const Eigen::VectorXd& z);
 
-// H(q) = -E_q ln q(z).
+// Returns H(q) = -E_q ln q(z).
 double Entropy(const DiagonalGaussian& q);
 
-// H(q, p) = -E_q ln p(z), the cross entropy of eq. (qy).
+// Returns H(q, p) = -E_q ln p(z), the cross entropy of eq. (qy).
 double CrossEntropy(const DiagonalGaussian& q, const DiagonalGaussian& p);
 
-// KL(q || p) = E_q ln q(z) / p(z).
+// Returns KL(q || p) = E_q ln (q(z) / p(z)).
 double KlDivergence(const DiagonalGaussian& q, const DiagonalGaussian& p);
 
 }  // namespace maneuver::probability

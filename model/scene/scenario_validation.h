@@ -40,9 +40,10 @@ struct ScenarioLimits {
 bool IsPhysicallyPossible(const v1::AgentState& state, const ScenarioLimits& limits = {});
 
 // Returns what is wrong with the scenario, targets aside; empty if nothing is. Checks that numbers
-// are within the limits, sizes positive, times strictly increasing, ids unique, enum values known,
-// and that x and y have equal length. Accepts lines and areas with too few points to be drawn, but
-// no feature without a point.
+// are within the limits, sizes positive, speed limits not negative, times strictly increasing, ids
+// of agents unique, the scenario's id UTF-8, enum values known, and that x and y have equal length.
+// Also refuses a map_id beside map features. Accepts lines and areas with too few points to be
+// drawn, but no feature without a point.
 std::vector<FieldViolation> ValidateScenario(const v1::Scenario& scenario,
                                              const ScenarioLimits& limits);
 

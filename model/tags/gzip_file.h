@@ -17,7 +17,8 @@ namespace maneuver::tags {
 // thread-safe.
 class GzipFile {
  public:
-  // Creates the file. Errors: those of files::OutputFile.
+  // Creates the file. Errors of all methods: those of files::OutputFile; RESOURCE_EXHAUSTED if
+  // there is no memory to compress with.
   static absl::StatusOr<std::unique_ptr<GzipFile>> Create(const std::filesystem::path& file);
   virtual ~GzipFile() = default;
 

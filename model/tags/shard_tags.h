@@ -22,12 +22,13 @@ namespace maneuver::tags {
 // A row, and what only the CSV has of it.
 struct CsvRow {
   TagRow row;                    // kScene is set by the writer
-  std::string responsibilities;  // "23:0.8123 11:0.1877"
+  std::string responsibilities;  // q(y|x,s) of 0.01 or more, largest first: "23:0.8123 11:0.1877"
 };
 
 // Writes NAME.csv.gz while rows arrive, and NAME.tags at the end. Both appear only once they are
 // complete, NAME.tags last: a shard is done if it is there. Keeps the rows' numbers in memory, some
-// 90 bytes a row. The same rows always make the same files. Not thread-safe.
+// 90 bytes a row. The same rows always make the same files. Errors: those of GzipFile, and of
+// files. Not thread-safe.
 class ShardTagsWriter {
  public:
   // Removes what an interrupted writer of this shard has left, and begins.

@@ -35,8 +35,8 @@ struct TaggingOptions {
   int part = 0;
   int parts = 1;
   int threads = 1;
-  // Called after each recording and each shard; returning false ends the work with CANCELLED. May be
-  // empty.
+  // Called after each recording and each shard; returning false ends the work with CANCELLED. May
+  // be empty.
   std::function<bool(const TaggingProgress& progress)> progress;
 };
 
@@ -55,14 +55,14 @@ struct TaggingSummary {
 v1::ExampleSettings TaggingExamples(const v1::ModelManifest& manifest,
                                     std::optional<double> stride);
 
-// Tags each shard of this part that is not tagged yet. A shard's files depend on the shard, the
-// model, the processor's precision and the options `merged` and `stride` alone: not on the other
-// datasets, the part or the threads. A shard that cannot be read is reported in `failures`, and the
-// next one is tagged. Takes memory for a few recordings for each thread, and some 90 bytes for each
-// row of one shard.
+// Tags each shard of this part that is not tagged yet, and passes over shards that are not of
+// SHARD_CONTENT_SCENARIOS. A shard's files depend on the shard, the model, the processor's
+// precision and the options `merged` and `stride` alone: not on the other datasets, the part or the
+// threads. A shard that cannot be read is reported in `failures`, and the next one is tagged. Takes
+// memory for a few recordings for each thread, and some 90 bytes for each row of one shard.
 //
-// Errors: INVALID_ARGUMENT for two datasets of the same name, or a stride or part out of range; those
-// of data::ReadDatasetManifest and of PrepareTagFolder; those of writing; CANCELLED.
+// Errors: INVALID_ARGUMENT for two datasets of the same name, or a stride or part out of range;
+// those of data::ReadDatasetManifest and of PrepareTagFolder; those of writing; CANCELLED.
 absl::StatusOr<TaggingSummary> TagDatasets(std::shared_ptr<const inference::ActionModel> model,
                                            const TaggingOptions& options);
 

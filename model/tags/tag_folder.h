@@ -31,12 +31,12 @@ struct Schema {
 
 // Makes the folder if it is missing, and writes its schema, unless the same one is there already.
 // ALREADY_EXISTS, naming the first difference, if another one is there, or if the folder has files
-// but no schema.
+// that are not hidden, but no schema; DATA_LOSS as in ReadSchema; errors of files.
 absl::StatusOr<Schema> PrepareTagFolder(const std::filesystem::path& folder,
                                         const TagSchema& schema);
 
-// Reads the schema of a folder. NOT_FOUND if there is none; DATA_LOSS if it is damaged or of another
-// format version.
+// Reads the schema of a folder. NOT_FOUND if there is none; DATA_LOSS if it is damaged or of
+// another format version.
 absl::StatusOr<Schema> ReadSchema(const std::filesystem::path& folder);
 
 }  // namespace maneuver::tags

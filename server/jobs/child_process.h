@@ -57,9 +57,9 @@ struct ChildCommand {
   std::chrono::milliseconds patience{5'000};
   // The process is stopped after this time; 0: never.
   std::chrono::milliseconds time_limit{0};
-  // The process is killed when its memory, and that of the processes that it started, exceeds this
-  // many bytes. Counts resident and swapped memory, but not mapped files; checked about every
-  // 200 ms. 0: no limit.
+  // The process is killed when its memory, and that of the processes that its main thread started,
+  // exceeds this many bytes. Counts resident and swapped memory, but not mapped files, and no
+  // processes further down; checked about every 200 ms. 0: no limit.
   int64_t memory_limit_bytes = 0;
   // Whether it yields processor and disk to all others: nice 19, SCHED_IDLE, last of the
   // best-effort class. False for a process that a caller waits for.

@@ -1,6 +1,7 @@
-// What the folder of an attempt at a job holds. All attempts of a server that is alone have the
-// folder of the job. Once several servers have shared the folder of jobs, attempt FENCE (JobLease)
-// has attempts/FENCE in it, and the job's own folder has the settings.
+// The folder that an attempt at a job works in. If one server uses the folder of jobs alone, every
+// attempt works in the job's own folder. Once several servers have shared the folder of jobs, each
+// attempt has a folder of its own, attempts/FENCE in the job's folder (FENCE as in JobLease).
+// The folder contains
 //
 //   settings.json   the settings that the trainer reads (job_settings.h)
 //   trainer.log     the trainer's standard error
@@ -21,24 +22,26 @@
 
 namespace maneuver::jobs {
 
-// In a job's folder and in its promotion folder.
+// In the folder of an attempt, and in its promotion folder.
 inline constexpr char kSettingsFile[] = "settings.json";
 inline constexpr char kLogFile[] = "trainer.log";
 inline constexpr char kOutput[] = "output";
-// In a job's folder.
+// In the folder of an attempt.
 inline constexpr char kPromotionFolder[] = "promotion";
-inline constexpr char kDecisionFile[] = "decision.json";  // in it
+inline constexpr char kDecisionFile[] = "decision.json";  // in the promotion folder
 
 // Returns the folder of the latest attempt at the job in `job_folder`.
 std::filesystem::path LatestAttemptFolder(const std::filesystem::path& job_folder);
 
-// Makes a folder for a new attempt: with settings, checkpoints and decision of the latest one, whose
-// worker may still write in its own folder. Removes the folders of earlier attempts. Errors: of
-// files, with the reason CANNOT_WRITE or DISK_FULL.
+// Makes the folder of a new attempt, and gives it the settings, checkpoints and decision of the
+// latest attempt, whose worker may still be writing in its own folder. Removes the folders of
+// earlier attempts, and the checkpoints in the job's own folder. Errors: of files, with the reason
+// CANNOT_WRITE or DISK_FULL.
 absl::StatusOr<std::filesystem::path> MakeAttemptFolder(const std::filesystem::path& job_folder,
                                                         int64_t fence);
 
-// Removes from a job's folder the results of its trainer that nobody needs any more.
+// Removes the trainer's output and what was half-written from the folder of an attempt and from its
+// promotion folder.
 void RemoveJobOutput(const std::filesystem::path& folder);
 
 }  // namespace maneuver::jobs

@@ -32,19 +32,21 @@ class JobPromotion final : public PromotionVersions {
   bool IsDecided() const { return job_.has_promotion_decision(); }
   // Returns whether measurements decide, which they do with PROMOTION_IF_NO_WORSE.
   bool IsByMeasurement() const { return job_.train().promotion() == v1::PROMOTION_IF_NO_WORSE; }
-  // Returns the decision to make. UNUSABLE_DATA if the dataset that it depends on is gone.
+  // Returns the decision to make. Errors: those of DatasetStore::Get for the criteria's dataset,
+  // with the reason UNUSABLE_DATA.
   absl::StatusOr<PromotionTask> Task() const;
 
-  // Returns options (--next-..., trainer_protocol.h) that let the progress of the training count the
-  // measurements that follow it. The trainer estimates their time with the version that serves.
+  // Returns options (--next-..., trainer_protocol.h) that let the progress of the training count
+  // the measurements that follow it. The trainer estimates their time with the version that serves.
   // Writes the settings file that they name. Empty if no measurement follows, or nothing serves.
   std::vector<std::string> TrainerOptions();
 
-  // Set job.promotion_decision: DecideAsPublished to what publishing did; DecideAgainst to "not
-  // promoted" because of `why`; Conclude to the decision of `outcome`, if it has one. Conclude
-  // returns the error that interrupted the decision, if any.
+  // Sets job.promotion_decision to what publishing did.
   void DecideAsPublished();
+  // Sets job.promotion_decision to "not promoted" because of `why`.
   void DecideAgainst(const absl::Status& why);
+  // Sets job.promotion_decision to the decision of `outcome`. If `outcome` has none, returns the
+  // error that interrupted it, or OK if the decision is not due yet.
   Outcome Conclude(PromotionOutcome outcome);
 
   std::string Serving() override;

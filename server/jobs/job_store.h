@@ -44,7 +44,10 @@ struct ClaimedJob {
 // together. It must not call the store. It may run even if the store then fails to write the job.
 using JobEdit = std::function<void(v1::Job&)>;
 
-// When a call returns OK, its change is durable. When it returns an error, nothing has changed.
+// When a call returns OK, its change is durable. When it returns an error, nothing has changed: if
+// a lost connection left that open, the store takes the change back before this server's next call.
+// Only Delete and Renew may have happened all the same after UNAVAILABLE.
+//
 // Jobs are named as Job.name: jobs/{job}. Thread-safe. Errors of every method: NOT_FOUND for an
 // unknown job, RESOURCE_EXHAUSTED for a full disk, UNAVAILABLE if the store cannot be reached or is
 // busy, DATA_LOSS if it is damaged.
@@ -93,11 +96,11 @@ class JobStore {
   // ABORTED if the lease has ended, FAILED_PRECONDITION if CanMove forbids the step.
   virtual absl::Status Finish(const JobLease& lease, const JobEdit& end) = 0;
   // Moves RUNNING jobs whose lease has ended, because its holder is gone or did not renew it, to
-  // another state by `end`. Returns them as they are now stored. After an error, some may have been moved.
+  // another state by `end`. Returns them as they are now stored. After an error, some may have been
+  // moved.
   virtual absl::StatusOr<std::vector<v1::Job>> TakeAbandoned(const JobEdit& end) = 0;
-  // Sets cancel_requested of a RUNNING job, with or without a lease, and returns the job. The holder
-  // of the lease learns of it by Renew.
-  // FAILED_PRECONDITION if it is in another state.
+  // Sets cancel_requested of a RUNNING job, with or without a lease, and returns the job. The
+  // holder of the lease learns of it by Renew. FAILED_PRECONDITION if it is in another state.
   virtual absl::StatusOr<v1::Job> RequestCancel(const std::string& name) = 0;
 
   // Appends an event. Its sequence must be greater than the last event's. ABORTED if the lease has

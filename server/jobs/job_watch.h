@@ -62,7 +62,7 @@ class JobEventReader {
       : store_(store), job_(std::move(job)), cursor_(after_sequence) {}
 
   // Returns at most `limit` events that came since the last call; empty if there is nothing new, or
-  // at the end.
+  // at the end. Errors: those of JobStore, such as NOT_FOUND for a job that was deleted.
   absl::StatusOr<std::vector<v1::Job>> Next(int limit);
   // Returns whether Next has returned the ended job.
   bool at_end() const { return at_end_; }

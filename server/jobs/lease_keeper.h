@@ -18,24 +18,25 @@
 
 namespace maneuver::jobs {
 
-// Renews each lease some eight times within its time. A job whose lease was not renewed for two
-// thirds of that time, or is another worker's now, is killed: its processes are gone before another
-// worker may begin. That does not wait for the store, which may hang. Safe to use from any thread.
+// Renews each lease every eighth of its LeaseTime. Kills a job whose lease was not renewed for two
+// thirds of that time, even while the store hangs, or whose lease has ended: no process of the job
+// is left when another worker may begin. Safe to use from any thread.
 class LeaseKeeper {
  public:
   using Time = std::chrono::steady_clock::time_point;
 
   //   store: must outlive this object, and have a LeaseTime
-  //   beat: called after each round of renewals
-  //   now: the clock by which leases are judged here
+  //   beat: called after each round of renewals, on a thread of this object
+  //   now: the clock that decides whether a lease was renewed in time
   LeaseKeeper(JobStore& store, std::function<void()> beat,
               std::function<Time()> now = std::chrono::steady_clock::now);
   ~LeaseKeeper();
   LeaseKeeper(const LeaseKeeper&) = delete;
   LeaseKeeper& operator=(const LeaseKeeper&) = delete;
 
-  // Keeps a lease until Release. Cancels the run of the job when that is asked for.
-  //   since: before the job was claimed
+  // Keeps a lease until Release. Stops `run` with kCancelled once a cancellation is requested in
+  // the store.
+  //   since: a time by `now` before the job was claimed
   void Keep(const JobLease& lease, std::shared_ptr<StopRequest> run, Time since);
   void Release(const std::string& job);
 

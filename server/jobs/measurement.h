@@ -13,9 +13,9 @@
 namespace maneuver::jobs {
 
 struct MeasuringTask {
-  std::string model;    // as EvaluateRequest.model
-  std::string dataset;  // datasets/{dataset}
-  int sampled_examples = 0;
+  std::string model;         // as EvaluateRequest.model
+  std::string dataset;       // datasets/{dataset}
+  int sampled_examples = 0;  // number of examples that the report contains
 };
 
 struct Measured {
@@ -25,7 +25,7 @@ struct Measured {
 };
 
 // Measures a version on the examples that the settings in `folder` define, and stores the report
-// beside the version.
+// beside the version. If the version is deleted meanwhile, the report is only returned.
 Measured Measure(v1::Job& job, const MeasuringTask& task, const std::filesystem::path& folder,
                  const JobAttempt& attempt);
 

@@ -18,7 +18,7 @@ namespace maneuver::jobs {
 // in version 0 there are no tables. Released scripts never change.
 const std::vector<std::string>& StoreMigrations();
 
-// Returns the version of the tables; 0 if there are none.
+// Returns the version of the tables; 0 if there are none. DATA_LOSS if the tables do not say it.
 absl::StatusOr<int> SchemaVersion(PostgresqlConnection& connection);
 
 // FAILED_PRECONDITION, with what to do, unless the tables have the latest version.
@@ -33,8 +33,11 @@ absl::StatusOr<int> Migrate(PostgresqlConnection& connection,
 // has noticed that the owner was stopped or killed, or that its connection was cut.
 inline constexpr std::chrono::seconds kPatienceForPredecessor{15};
 
-// How a server or a command uses a store: nobody else may beside it, or only others that share it.
-enum class StoreUse { kAlone, kShared };
+// How a server or a command uses a store.
+enum class StoreUse {
+  kAlone,  // no other may use it at the same time
+  kShared  // others may, if they share it too
+};
 
 // Keeps other uses off the store, until the connection ends. UNAVAILABLE if one of them still has
 // it after `patience`.

@@ -19,11 +19,13 @@
 
 namespace maneuver::jobs {
 
-// Uses the store alone, or shares it, through a lock that PostgreSQL holds for this session. So
-// every statement runs while no other server uses the store otherwise. A lost connection is replaced
-// by a new one with the lock, once nothing of the old one can come any more. If another server has
-// used the store alone in between, this session is over: what its server remembers is out of date,
-// and every call fails until the server starts again.
+// Uses the store alone, or shares it. PostgreSQL holds a lock for the session, so every statement
+// runs while no other server uses the store in a way that this use forbids.
+//
+// If the connection is lost, the next call connects again and takes the lock again, but only once
+// PostgreSQL has ended the old connection, whose statements could otherwise still arrive. If
+// another server has used the store alone in between, what this server remembers is out of date:
+// every call is UNAVAILABLE until the server starts again.
 //
 // Not thread-safe. Errors: those of PostgresqlConnection. For a second after a failure to connect,
 // calls fail at once.

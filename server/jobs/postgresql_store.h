@@ -1,9 +1,9 @@
 // Jobs and aliases in a PostgreSQL database, version 15 or later.
 //
-// One server owns the store, or several share it (postgresql_session.h). Leases of a store that is
-// shared end by the database's clock. Every change is one transaction, so a
-// call that returned OK survives a crash of either side. The tables are made and brought up to date
-// by `maneuverd store migrate`, never by a server.
+// One server owns the store, or several share it (postgresql_session.h). Leases in a shared store
+// end by the database's clock. Every change is one transaction, so a call that returned OK survives
+// a crash of either side. `maneuverd store migrate` makes the tables and brings them up to date; a
+// server never does.
 
 #ifndef MANEUVER_SERVER_JOBS_POSTGRESQL_STORE_H_
 #define MANEUVER_SERVER_JOBS_POSTGRESQL_STORE_H_
@@ -23,10 +23,10 @@ inline constexpr std::chrono::seconds kLeaseTime{15};
 
 class PostgresqlStore : public Store {
  public:
-  // Takes the store that is in the database of a URI (store_address.h). FAILED_PRECONDITION if
-  // libpq is not installed or the tables are not of the latest version, INVALID_ARGUMENT for a
-  // wrong URI, UNAVAILABLE if the database cannot be reached or another server owns the store.
-  // `metrics` must outlive the store.
+  // Takes the store that is in the database of a URI (store_address.h). Waits for its previous
+  // owner for at most kPatienceForPredecessor. FAILED_PRECONDITION if libpq is not installed or the
+  // tables are not of the latest version, INVALID_ARGUMENT for a wrong URI, UNAVAILABLE if the
+  // database cannot be reached or another server uses the store. `metrics` must outlive the store.
   static absl::StatusOr<std::unique_ptr<PostgresqlStore>> Open(
       const std::string& address,
       monitoring::MetricRegistry& metrics = monitoring::MetricRegistry::Null());

@@ -22,7 +22,7 @@ class ProgressRecorder {
  public:
   //   job: contains its latest event and counts this process among its attempts
   //   lease: the lease of the job; events of a worker whose lease has ended are dropped
-  //   show: called with every event that is stored.
+  //   show: called with every event just before it is stored; may be empty
   ProgressRecorder(JobStore& store, JobNews& news, const v1::Job& job, JobLease lease,
                    std::function<absl::Time()> now,
                    std::function<void(const v1::JobProgress&)> show = nullptr);

@@ -51,10 +51,12 @@ class PromotionVersions {
   virtual std::optional<v1::PromotionDecision> Remembered() = 0;
 };
 
-// A decision, or why there is none yet: `interruption` is the error that came in between, or OK if
-// the decision is not due yet. Calling the function again repeats nothing that was finished.
+// The result of MeasureVersions or DecidePromotion. If there is no decision, call the same function
+// again: it repeats no measurement that was finished.
 struct PromotionOutcome {
   std::optional<v1::PromotionDecision> decision;  // without its time
+  // Why there is no decision: the error that interrupted the function. OK if MeasureVersions has
+  // measured all versions, and DecidePromotion is to follow.
   absl::Status interruption;
 };
 
@@ -74,8 +76,9 @@ PromotionOutcome MeasureVersions(const PromotionTask& task, PromotionVersions& v
 //   - if another version has come to serve meanwhile, compares with that one.
 // Measures versions that have no report by the criteria. After MeasureVersions, that can only be a
 // version that has come to serve since. A remembered decision that still holds is carried out as it
-// is. If anything fails, or other versions come to serve five times, decides against the version and
-// says why. If the store cannot be reached, or a measurement is interrupted, returns that instead.
+// is. If anything fails, or other versions come to serve five times, decides against the version
+// and says why. If the store cannot be reached, or a measurement is interrupted, returns that
+// instead.
 PromotionOutcome DecidePromotion(const PromotionTask& task, PromotionVersions& versions);
 
 }  // namespace maneuver::jobs

@@ -10,7 +10,7 @@
 namespace maneuver::jobs {
 
 // Creates the tables, or migrates those of an earlier release. Either all of it happens or nothing.
-// FAILED_PRECONDITION if a later release wrote the tables.
+// FAILED_PRECONDITION if a later release wrote the tables; other errors: those of SqliteError.
 absl::Status PrepareSchema(sqlite3* database);
 
 }  // namespace maneuver::jobs

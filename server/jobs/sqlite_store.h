@@ -16,8 +16,9 @@ namespace maneuver::jobs {
 
 class SqliteStore : public Store {
  public:
-  // Opens or creates. UNAVAILABLE if another process has the file open, FAILED_PRECONDITION for
-  // another schema version, DATA_LOSS if the file is damaged or not a database.
+  // Opens the file, or creates it. Migrates the tables of an earlier release. UNAVAILABLE if
+  // another process has the file open, FAILED_PRECONDITION if a later release wrote it, DATA_LOSS
+  // if it is damaged or not a database.
   static absl::StatusOr<std::unique_ptr<SqliteStore>> Open(const std::filesystem::path& file);
 };
 

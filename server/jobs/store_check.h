@@ -23,8 +23,8 @@ struct StoreContents {
   std::string ToString() const;
 };
 
-// Reads every job, event and alias, compares them with their checksums, and counts them. DATA_LOSS
-// for the first one that is damaged.
+// Reads every job, event and alias, compares each with its checksum, and counts them. DATA_LOSS for
+// the first one that is damaged; other errors: those of the store.
 absl::StatusOr<StoreContents> CheckStore(Store& store);
 
 }  // namespace maneuver::jobs

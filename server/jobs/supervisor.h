@@ -74,8 +74,8 @@ class Supervisor {
 
   // Starts no further job and interrupts the running ones: they write a checkpoint and become
   // PENDING, like the jobs that wait for the next start. Returns once all processes are gone, after
-  // `patience` at the latest. From then on Train, Evaluate and Resume are UNAVAILABLE; everything
-  // else still works.
+  // `patience` at the latest. From then on Train, Evaluate, CrossValidate and Resume are
+  // UNAVAILABLE; everything else still works.
   void Stop();
   // Returns whether Stop has finished: no job continues before the next start.
   bool IsStopped() const { return is_stopped_; }
@@ -89,8 +89,10 @@ class Supervisor {
   // With validate_only it returns a job without a name but with its memory, and starts nothing.
   absl::StatusOr<v1::Job> Train(const v1::TrainRequest& request);
   // Creates an evaluation job, as Train does. Its evaluate.model becomes the version that the
-  // reference points to now.
+  // reference points to now. FAILED_PRECONDITION if the reference is empty and not exactly one
+  // model serves.
   absl::StatusOr<v1::Job> Evaluate(const v1::EvaluateRequest& request);
+  // Creates a cross-validation job, as Train does.
   absl::StatusOr<v1::Job> CrossValidate(const v1::CrossValidateRequest& request);
 
   absl::StatusOr<v1::Job> Get(const std::string& name);
@@ -101,14 +103,14 @@ class Supervisor {
   // stay. An ended job is returned unchanged.
   absl::StatusOr<v1::Job> Cancel(const std::string& name);
   // Makes a FAILED or CANCELLED job PENDING again. It continues from its last checkpoint, and its
-  // run time counts from 0. A PENDING or RUNNING job is returned as it is. FAILED_PRECONDITION if it
-  // has SUCCEEDED, is being stopped, or one of its datasets is gone.
+  // run time counts from 0. A PENDING or RUNNING job is returned as it is. FAILED_PRECONDITION if
+  // it has SUCCEEDED, is being stopped, or one of its datasets is gone.
   absl::StatusOr<v1::Job> Resume(const std::string& name);
   // Forgets an ended job and removes its folder. FAILED_PRECONDITION if it has not ended.
   absl::Status Delete(const std::string& name);
 
   // Removes the checkpoints of an ended job, which then starts anew if it is resumed. Returns
-  // whether there were any.
+  // whether there were any; false for a job that has not ended.
   absl::StatusOr<bool> DropCheckpoints(const std::string& name);
 
   // Removes a dataset. FAILED_PRECONDITION while a pending or running job needs it.
@@ -125,7 +127,7 @@ class Supervisor {
   absl::Status Recover();
   // Removes the folders of jobs that were deleted, or never got as far as the store.
   absl::Status RemoveUnknownFolders();
-  // Moves jobs whose lease has ended on.
+  // Makes RUNNING jobs whose lease has ended PENDING, or CANCELLED if that was asked for.
   absl::Status TakeAbandoned();
   // Makes a RUNNING job PENDING, or CANCELLED if that was asked for. Its worker is gone.
   void GiveUpAttempt(v1::Job& job) const;
@@ -179,7 +181,9 @@ class Supervisor {
 
   // Live as long as the server: children die with the thread that started them.
   std::vector<std::thread> threads_;
-  std::unique_ptr<LeaseKeeper> keeper_;  // nullptr: leases last. The first to go: it calls Follow
+  // nullptr if leases last as long as the store. Declared last, and so destroyed first, because it
+  // calls Follow.
+  std::unique_ptr<LeaseKeeper> keeper_;
 };
 
 }  // namespace maneuver::jobs

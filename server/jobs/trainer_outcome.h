@@ -48,8 +48,9 @@ absl::Status GaveUp(absl::Status last, int processes);
 // Returns the error of a job that ran for as long as it may: WALL_TIME_EXCEEDED.
 absl::Status WallTimeExceeded(std::chrono::milliseconds limit);
 
-// Returns the last few nonempty lines of a log, fit for an error message: valid UTF-8, no control
-// characters, no paths (WithoutPaths), each at most 400 bytes.
+// Returns the last nonempty lines of a log, at most eight and all within its last 8 KiB, fit for an
+// error message: valid UTF-8, no control characters, no paths (WithoutPaths), each at most about
+// 400 bytes.
 //   from: size of the log in bytes when the process began to write
 std::vector<std::string> LastLines(const std::filesystem::path& log, int64_t from = 0);
 

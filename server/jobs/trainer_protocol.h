@@ -1,7 +1,8 @@
 // The protocol between the supervisor and the trainer process.
 //
 //   maneuver-trainer train --settings FILE --dataset FOLDER... --output FOLDER
-//       [--dataset-name NAME...] [--threads N] [--progress json|bar|none]
+//       [--dataset-name NAME...] [--start-from FOLDER --start-from-name NAME] [--ranks N]
+//       [--threads N] [--progress json|bar|none]
 //       [--checkpoints FOLDER] [--checkpoint-interval S] [--checkpoint-steps N]
 //       [--checkpoints-kept N] [--least-actions N] [--data-memory BYTES]
 //       [--next-model FOLDER --next-dataset FOLDER --next-settings FILE --next-count N]
@@ -10,7 +11,8 @@
 //       [--progress json|bar|none]
 //   maneuver-trainer cross-validate --settings FILE --dataset FOLDER... --output FILE
 //       [--test-dataset NAME=FOLDER...] [--folds N] [--fold-seed N] [--seeds N,...]
-//       [--models FOLDER] [--checkpoints FOLDER] [--threads N] [--progress json|bar|none]
+//       [--models FOLDER] [--checkpoints FOLDER] [--data-memory BYTES] [--threads N]
+//       [--progress json|bar|none]
 //   maneuver-trainer devices
 //       Prints the values of TrainingSettings.device that can be used here, one a line.
 //
@@ -18,10 +20,10 @@
 // an ExampleSettings for evaluate and --next-settings. --next-... describe the evaluations that
 // follow a training, so that its progress counts them. The output of evaluate is an
 // EvaluationReport, that of cross-validate a CrossValidationReport; train writes a model folder.
-// With --progress json each
-// line on standard output is one JobProgress as proto3 JSON. evaluate and cross-validate then need
-// --output; otherwise they print the report for people. Standard error is for people, and its last
-// line says why a run failed. SIGTERM stops a run; no half-written file remains.
+// With --progress json each line on standard output is one JobProgress as proto3 JSON. evaluate and
+// cross-validate then need --output; otherwise they print the report for people. Standard error is
+// for people, and its last line says why a run failed. SIGTERM stops a run; no half-written file
+// remains.
 //
 // If the folder of --checkpoints has checkpoints of the same run, the run continues from the latest
 // one. A checkpoint is a file checkpoint-NUMBER, written in one step; numbers only grow. On SIGTERM

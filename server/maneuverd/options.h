@@ -49,7 +49,9 @@ struct ServerOptions {
   JobOptions jobs;
   monitoring::LogFormat log_format = monitoring::LogFormat::kText;
   monitoring::LogLevel log_level = monitoring::LogLevel::kInfo;
+  // From the signal to stop, when health turns to NOT_SERVING, until new calls are refused.
   std::chrono::milliseconds shutdown_delay{0};
+  // From then on, how long calls in flight may take.
   std::chrono::milliseconds shutdown_timeout{10'000};
 };
 

@@ -21,7 +21,9 @@ namespace maneuver {
 // Certificates and identities, read again every second. Must outlive the server.
 class Protection {
  public:
-  // Reads the files. Errors name the flag whose file is wrong. Logs what is allowed but unwise.
+  // Reads the files. Errors: those of CertificateStore::Open and AccessControl::Create; they name
+  // the flag whose file is wrong. Logs a warning for what is allowed but unwise, such as no
+  // --tokens.
   static absl::StatusOr<std::unique_ptr<Protection>> Open(const ServerOptions& options,
                                                           monitoring::MetricRegistry& metrics);
 

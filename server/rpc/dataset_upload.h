@@ -27,7 +27,8 @@ class DatasetUploadCall final
   const std::string caller_;
 };
 
-// Answers which bytes of the request's dataset have arrived from `caller`.
+// Answers which bytes of the request's dataset have arrived from `caller`. INVALID_ARGUMENT for a
+// wrong name or manifest; errors of DatasetStore::QueryUpload, by WithDatasetReason.
 absl::Status AnswerQueryUpload(const data::DatasetStore& datasets, const std::string& caller,
                                const v1::QueryUploadRequest& request,
                                v1::QueryUploadResponse* response);

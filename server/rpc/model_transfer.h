@@ -77,7 +77,8 @@ class ModelUploadCall final
   const std::string caller_;
 };
 
-// Answers which bytes of the request's version have arrived from `caller`.
+// Answers which bytes of the request's version have arrived from `caller`. INVALID_ARGUMENT for a
+// wrong name or wrong files; errors of VersionUploads::Query.
 absl::Status AnswerQueryModelUpload(serving::VersionUploads& uploads, const std::string& caller,
                                     const v1::QueryModelUploadRequest& request,
                                     v1::QueryModelUploadResponse* response);

@@ -19,12 +19,14 @@ inline constexpr int kMostOutcomes = 256;
 // Returns how many targets the request has.
 int CountTargets(const v1::ReportOutcomesRequest& request);
 
-// Scores the request's outcomes. Takes as long as the predictions and the scoring: do not call it
-// on gRPC's threads. Each target and each outcome fails alone, except that nothing is counted or
-// removed, and the whole call fails, if nobody waits for it any more or if the scheduler refuses
-// it. Predictions for scenes have bulk priority.
-//   context: `past_answers` may be nullptr
-//   cancelled: whether the caller has gone
+// Scores the request's outcomes, whose number is already checked. Takes as long as the predictions
+// and the scoring: do not call it on gRPC's threads. Predictions for scenes have bulk priority.
+//
+// Outcomes and targets fail one by one: the response has their errors. The whole call fails if
+// nobody waits for it any more (CANCELLED, DEADLINE_EXCEEDED) or the scheduler refuses it (errors
+// of BatchScheduler::Submit). Then no outcome is counted, and no kept answer is removed.
+//   context: without past_answers, outcomes of kept answers fail with ANSWER_NOT_KEPT
+//   cancelled: returns whether the caller has gone; called often
 absl::Status ReportOutcomes(PredictionContext& context, serving::OutcomeMetrics& metrics,
                             const v1::ReportOutcomesRequest& request, serving::TimePoint deadline,
                             const std::function<bool()>& cancelled,

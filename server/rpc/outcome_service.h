@@ -11,10 +11,12 @@
 
 namespace maneuver::rpc {
 
+// Scores reported outcomes. Refuses requests with the reason TOO_MANY_REQUESTS while those that
+// wait or are being scored have 128 MiB in all.
 class OutcomeService final : public v1::OutcomeService::CallbackService {
  public:
-  // Everything must outlive the service. Defined in the .cc, as is the destructor: see
-  // AdminService.
+  // All arguments must outlive the service. The .cc defines the constructor and the destructor, for
+  // the reason that admin_service.h gives.
   //   scoring: threads that score outcomes
   OutcomeService(PredictionContext& context, serving::OutcomeMetrics& metrics, WorkerPool& scoring);
   ~OutcomeService() override;

@@ -9,7 +9,7 @@
 namespace maneuver::rpc {
 
 // Returns the number of items on a page, for all List methods: 50 if the request does not say, at
-// most 1000.
+// most 1000. INVALID_ARGUMENT for a negative number.
 inline absl::StatusOr<int> PageSizeOf(int requested) {
   constexpr int kDefault = 50;
   constexpr int kLargest = 1000;
@@ -17,6 +17,7 @@ inline absl::StatusOr<int> PageSizeOf(int requested) {
   return requested == 0 ? kDefault : std::min(requested, kLargest);
 }
 
+// Returns INVALID_ARGUMENT for a page_token that no answer had.
 inline absl::Status WrongPageToken() {
   return errors::InvalidField("page_token", "expected the next_page_token of a former answer");
 }

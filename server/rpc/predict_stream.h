@@ -1,4 +1,8 @@
 // StreamPredict: many requests in flight on one stream, answered as they finish.
+//
+// A stream reads no further request while 64 requests, 8 MiB of requests and answers, or answers of
+// up to 64 MiB that are being computed are in flight: flow control then makes the caller wait. A
+// request_id has at most 128 bytes.
 
 #ifndef MANEUVER_SERVER_RPC_PREDICT_STREAM_H_
 #define MANEUVER_SERVER_RPC_PREDICT_STREAM_H_

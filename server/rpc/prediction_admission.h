@@ -28,16 +28,19 @@ namespace maneuver::rpc {
 serving::TimePoint OnSteadyClock(std::chrono::system_clock::time_point deadline);
 
 // Checks whether the scheduler expects to answer a unary call in time. This is NamedService::worth
-// of the prediction service. RegisterMap is always worth its work.
+// of the prediction service. RegisterMap is always worth its work. Errors: those of
+// BatchScheduler::CheckWait.
 absl::Status CheckWait(serving::BatchScheduler& scheduler, std::string_view method,
                        std::chrono::system_clock::time_point deadline,
                        const grpc::ByteBuffer& request);
 
-// Checks whether the caller may ask for these targets now.
+// Checks whether the caller may ask for these targets now. Errors: those of
+// AccessControl::AdmitTargets.
 absl::Status AdmitTargets(security::AccessControl& access, const security::Credentials& caller,
                           const Scenarios& scenarios);
 
-// Reserves memory for the largest answer that the request can have.
+// Reserves memory for the largest answer that the request can have. Errors: those of
+// SendMemory::Reserve.
 absl::StatusOr<serving::SendMemory::Share> ReserveAnswer(serving::SendMemory& memory,
                                                          const Scenarios& scenarios,
                                                          const v1::ModelSpec& spec,

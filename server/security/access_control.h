@@ -32,9 +32,9 @@ struct AccessOptions {
   double targets_per_second = 0.0;   // predicted targets per client; 0: no limit
 };
 
-// The credentials that a call presents.
+// The credentials that a call presents. A token takes precedence over a certificate.
 struct Credentials {
-  std::vector<std::string> authorization = {};  // all headers of that name
+  std::vector<std::string> authorization = {};  // all headers of that name; two are never accepted
   // From the client's certificate, if it was verified.
   std::vector<std::string> alternative_names = {};
   std::string common_name = {};
@@ -61,8 +61,9 @@ class AccessControl {
   //   method: "/maneuver.v1.PredictionService/Predict", for example.
   absl::Status Admit(std::string_view method, const Credentials& credentials);
 
-  // Admits `targets` more predicted targets for the caller of an admitted call. RESOURCE_EXHAUSTED
-  // as above if that is too many.
+  // Admits `targets` more predicted targets for the caller of an admitted call. RATE_LIMITED as
+  // above if that is too many; the errors of an unknown caller if the identities have changed
+  // since.
   absl::Status AdmitTargets(const Credentials& credentials, int targets);
   bool limits_targets() const { return targets_.is_limited(); }
 
@@ -73,7 +74,8 @@ class AccessControl {
     virtual ~LongCall() = default;
   };
   // Watches a long call. Once its caller may no longer make it, each Reload calls `on_refused` with
-  // the reason, on Reload's thread. `on_refused` must not destroy the object returned here.
+  // the reason, on Reload's thread. `on_refused` must not destroy the object returned here. Returns
+  // nullptr if identities are not used: nobody is refused then.
   [[nodiscard]] std::unique_ptr<LongCall> Watch(
       std::string_view method, Credentials credentials,
       std::function<void(const absl::Status&)> on_refused);

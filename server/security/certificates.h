@@ -32,13 +32,15 @@ struct CertificateSet {
 };
 
 // Reads and checks the files: each parses, the key matches the certificate, and other users cannot
-// read the key. Errors name the file and say what to do. An expired certificate is not an error:
-// see `expires`.
+// read the key. INVALID_ARGUMENT if a file does not parse or fit the others; otherwise errors of
+// ReadSecretFile and of files. They name the file and say what to do. An expired certificate is not
+// an error: see `expires`.
 absl::StatusOr<CertificateSet> LoadCertificates(const CertificateFiles& files);
 
 // Thread-safe.
 class CertificateStore {
  public:
+  // Reads the files. Errors of Open and Reload: those of LoadCertificates.
   static absl::StatusOr<std::shared_ptr<CertificateStore>> Open(const CertificateFiles& files);
 
   std::shared_ptr<const CertificateSet> Current() const;
@@ -56,7 +58,7 @@ class CertificateStore {
   std::shared_ptr<const CertificateSet> current_ ABSL_GUARDED_BY(mutex_);
 };
 
-// Returns the whole days until then, rounded down; negative once it has expired.
+// Returns the whole days from `now` until `expires`, rounded down; negative once that has passed.
 int DaysUntil(std::chrono::system_clock::time_point expires,
               std::chrono::system_clock::time_point now);
 

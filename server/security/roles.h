@@ -15,9 +15,9 @@ namespace maneuver::security {
 // Roles do not include one another: a caller that trains and predicts has both.
 enum class Role {
   kAnyone = 0,   // only in the table: no identity is required
-  kPredict = 1,  // predict, and read what models and reports say
+  kPredict = 1,  // predict, report outcomes, and read what models and reports say
   kTrain = 2,    // upload data, train, evaluate, label actions, download models
-  // Delete, upload models, choose the serving version, register folders, change the log level.
+  // Delete, upload models, set aliases, register folders, read and change the log level.
   kAdmin = 4,
 };
 

@@ -22,7 +22,7 @@ struct ModelAlias {
 struct AliasCondition {
   // The version that the alias points to; 0: there is no such alias. Empty: any.
   std::optional<int> before;
-  Maker maker;  // its lease, if it has one
+  Maker maker;  // if it has a lease, the lease must not have ended
 };
 
 // A change is durable once its call has returned OK. Safe to use from any thread.
@@ -35,7 +35,8 @@ class AliasStore {
     return SetAliasIf(name, version, {}).status();
   }
   // Creates or moves an alias and returns true. Returns false, and changes nothing, if the alias
-  // points elsewhere than to `condition.before`. ABORTED if the maker's lease has ended.
+  // points elsewhere than to `condition.before`. ABORTED if the maker's lease has ended; NOT_FOUND
+  // if several servers share the store and the version does not exist.
   virtual absl::StatusOr<bool> SetAliasIf(const security::ModelAliasName& name, int version,
                                           const AliasCondition& condition) = 0;
   // Returns the version that an alias points to. NOT_FOUND if there is no such alias.

@@ -17,10 +17,10 @@ namespace maneuver::serving {
 // them: "p(y|s)".
 absl::Status CheckProbabilities(const Eigen::VectorXd& probabilities, const char* what);
 
-// Checks everything of `answer` that a caller may receive: probabilities, responsibilities and
-// weights of representatives as above; latents, trajectories, means and the likelihood bound are
-// finite; each covariance is finite and, within rounding, positive semi-definite. Costs some
-// microseconds for all actions of a model.
+// Checks everything of `answer` that a caller may receive: probabilities and responsibilities as
+// above; the weights of representatives sum to 1 within 1e-5; latents, trajectories, means and the
+// likelihood bound are finite; each covariance is finite and, within rounding, positive
+// semi-definite. Costs some microseconds for all actions of a model.
 absl::Status CheckAnswer(const TargetAnswer& answer);
 
 }  // namespace maneuver::serving

@@ -18,13 +18,15 @@ class DrainRate {
  public:
   explicit DrainRate(int workers) : at_work_(static_cast<size_t>(workers)) {}
 
-  // Records that worker 0 .. workers-1 begins a batch of `targets` > 0, and that it ends it.
+  // Record that a worker begins a batch of `targets` > 0, and that it ends the batch.
+  //   worker: 0 .. workers-1
   void Begin(int worker, size_t targets, TimePoint now);
   void End(int worker, TimePoint now);
 
-  // AllAtWork returns whether every worker is busy. TimeForWorkBegun returns how long all workers
-  // together need for the rest of the batches in progress, at the measured speed; never negative.
+  // Returns whether every worker is busy.
   bool AllAtWork() const;
+  // Returns how long all workers together need for the rest of the batches in progress, at the
+  // measured speed; never negative.
   std::chrono::nanoseconds TimeForWorkBegun(TimePoint now) const;
 
   // Returns how long all workers together need for `targets` targets. A batch that already takes

@@ -20,6 +20,7 @@
 namespace maneuver::serving {
 
 // Replaces the report on the same dataset in one step; a crash leaves the old one or the new.
+// Errors: of files.
 //   dataset: its id
 absl::Status WriteEvaluation(const std::filesystem::path& version_folder,
                              const std::string& dataset, const v1::EvaluationReport& report);

@@ -43,7 +43,9 @@ class ModelVersions {
   virtual std::optional<security::ModelVersionName> Serving(const std::string& model) const = 0;
 
   // Publishes the finished model folder `finished` as the next version of `model`, stamped with the
-  // name of the job that made it. The folder is moved. An error changes nothing. May take long.
+  // name of the job that made it. The folder is moved. An error changes nothing, except that the
+  // version stays if its alias could not be set because the store is away or the lease has ended:
+  // FindMadeBy then promotes it. May take long.
   //   promotion: decides whether the version serves at once; with PROMOTION_IF_NO_WORSE it does
   //     not.
   virtual absl::StatusOr<security::ModelVersionName> Publish(const std::string& model,
@@ -60,8 +62,8 @@ class ModelVersions {
                                            const std::optional<security::ModelVersionName>& before,
                                            const Maker& maker) = 0;
 
-  // Stores a report beside the version that it names, and replaces an earlier report on the same
-  // dataset. NOT_FOUND if the version is gone.
+  // Stores a report, without its sampled examples, beside the version that it names, and replaces
+  // an earlier report on the same dataset. NOT_FOUND if the version is gone.
   virtual absl::Status KeepReport(const v1::EvaluationReport& report, const Maker& maker) = 0;
   // Returns the report of a version on a dataset. NOT_FOUND if there is none.
   virtual absl::StatusOr<v1::EvaluationReport> GetReport(

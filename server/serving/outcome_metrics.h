@@ -31,7 +31,8 @@ class OutcomeMetrics {
 
   // Counts an outcome that was scored.
   void Observe(const ServedModel& model, const ScoredOutcome& outcome);
-  // Counts a target whose outcome could not be scored, by the error's code.
+  // Counts a target whose outcome could not be scored: as unknown for NOT_FOUND and
+  // FAILED_PRECONDITION, as invalid for INVALID_ARGUMENT, and as failed for any other error.
   void CountFailed(const absl::Status& status);
 
  private:

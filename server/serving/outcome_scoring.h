@@ -17,13 +17,13 @@ namespace maneuver::serving {
 
 using AgentStates = google::protobuf::RepeatedPtrField<v1::AgentState>;
 
-// The metrics of an outcome, named as in evaluation/evaluator.h. All are means over outcomes.
+// The metrics of an outcome, named as in evaluation/evaluator.h, whose figures are their means.
 inline constexpr std::array<std::string_view, 7> kOutcomeMetrics = {
     "ade_1", "fde_1", "min_ade_6", "min_fde_6", "nll", "coverage_1sigma", "coverage_2sigma"};
 
 // One scored answer.
 struct ScoredOutcome {
-  evaluation::Measurement measurement;                   // as evaluation::MeasureAnswer sets it
+  evaluation::Measurement measurement;  // as evaluation::MeasureAnswer sets it, and keys.speed
   std::array<double, kOutcomeMetrics.size()> metrics{};  // finite
   std::string_view speed_stratum;                        // a name of evaluation::Stratifications()
 };
@@ -33,8 +33,9 @@ struct ScoredOutcome {
 //   model: the version that answered;  session: one of its sessions
 //   path: of the message that contains the states, for field paths
 // INVALID_ARGUMENT, with the field: the states are not numbers within the limits of a scenario, not
-// in order, not after the prediction time, faster than such an agent can move, or do not reach the
-// model's horizon without gaps. INTERNAL, reason ANSWER_UNSOUND: a score is not finite.
+// in order, not after the prediction time, faster than such an agent can move (data::MostSpeed, and
+// 100 m/s for any), or do not reach the model's horizon without gaps. INTERNAL, reason
+// ANSWER_UNSOUND: a score is not finite.
 absl::StatusOr<ScoredOutcome> ScoreOutcome(const PastAnswer& answer, const AgentStates& states,
                                            const inference::ActionModel& model,
                                            inference::InferenceSession& session,

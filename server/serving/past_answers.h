@@ -31,8 +31,8 @@ struct PastAnswer {
   inference::SceneEncoding encoding;
   scene::Pose2 X_WT;
   v1::AgentType type = v1::AGENT_TYPE_UNSPECIFIED;
-  v1::AgentState last;  // the target's state that counted as the present
-  double speed = 0.0;   // m/s, as evaluation::EstimateMotion has it
+  v1::AgentState last;  // the target's latest state at or before the prediction time
+  double speed = 0.0;   // of that state, m/s (evaluation::EstimateMotion)
 };
 
 // Returns what has to be kept of an answer.
@@ -40,8 +40,8 @@ struct PastAnswer {
 PastAnswer PastAnswerOf(const security::ModelVersionName& version, const Target& target,
                         const inference::SceneEncoding& encoding);
 
-// Bounded memory: the oldest answers are dropped, and counted, to make room. Safe to use from any
-// thread.
+// Keeps answers within a limit of memory: drops and counts the oldest ones to make room. Safe to
+// use from any thread.
 class PastAnswers {
  public:
   //   max_bytes: of all answers together
@@ -52,7 +52,7 @@ class PastAnswers {
   void Keep(PastAnswer answer);
 
   // Returns the answer; nullptr if it is not kept.
-  //   version: nothing: any; the one that answered last counts.
+  //   version: the version that answered; without it, the latest answer of any version is returned
   std::shared_ptr<const PastAnswer> Find(
       const std::string& scenario_id, int64_t target_id, double prediction_time,
       const std::optional<security::ModelVersionName>& version) const;

@@ -45,7 +45,8 @@ class SendMemory {
 
   SendMemory(const SendLimits& limits, monitoring::MetricRegistry& metrics);
 
-  // Reserves memory for an answer of at most `bytes`, about `targets` targets. RESOURCE_EXHAUSTED:
+  // Reserves memory for an answer of at most `bytes`, about `targets` > 0 targets.
+  // RESOURCE_EXHAUSTED:
   //   RESPONSE_TOO_LARGE: more than max_response_bytes; the message says what to request instead.
   //   SEND_MEMORY_FULL: answers that callers have not read leave no room; has a retry delay.
   absl::StatusOr<Share> Reserve(int64_t bytes, int64_t targets);

@@ -68,9 +68,9 @@ class ServingTable {
   // returns its error. May take long.
   void LoadAliased();
 
-  // Does what other servers have decided, each in the same way as if it were decided here: moves and
-  // removes aliases, and shows new labels. A version that cannot be loaded leaves its alias as it
-  // was, and is tried again after kRetryLoad. Logs errors, once. May take long.
+  // Does what other servers have decided, each in the same way as if it were decided here: moves
+  // and removes aliases, and shows new labels. A version that cannot be loaded leaves its alias as
+  // it was, and is tried again after kRetryLoad. Logs errors, once. May take long.
   void Follow();
 
   // Returns the version that a request refers to; without a reference, the version of the only
@@ -106,8 +106,8 @@ class ServingTable {
 
   // Loads and checks the finished model folder `finished`, publishes it in the store as the next
   // version of `model`, and promotes it as `promotion` says. An error changes nothing, except that
-  // the version stays if the store of the aliases is away: FindMadeBy then promotes it. May take
-  // long.
+  // the version stays if its alias could not be set because the store is away or the maker's lease
+  // has ended: FindMadeBy then promotes it. May take long.
   //   promotion: with PROMOTION_IF_NO_WORSE the version is not promoted here; see PromoteOver.
   //   maker: as in VersionStore::Publish.
   absl::StatusOr<security::ModelVersionName> Publish(const std::string& model,

@@ -49,7 +49,8 @@ class VersionReader {
   // Skips the first arrived_bytes[i] bytes of each file i. Call before Next. INVALID_ARGUMENT, with
   // the field arrived_bytes, unless it is empty or has for each file a number from 0 to its size.
   virtual absl::Status Skip(const google::protobuf::RepeatedField<int64_t>& arrived_bytes) = 0;
-  // Returns the next bytes, at most 1 MiB and of one file; empty at the end.
+  // Returns the next bytes, at most 1 MiB and of one file; empty at the end. FAILED_PRECONDITION,
+  // reason MODEL_DAMAGED, if a file has become shorter; errors of files.
   virtual absl::StatusOr<std::string> Next() = 0;
 };
 

@@ -37,13 +37,14 @@ class VersionLedger {
 
   // Takes the number after the highest that `model` ever had. It is never taken again.
   virtual absl::StatusOr<int> Reserve(const std::string& model, const Maker& maker) = 0;
-  // Makes the version of a reserved number exist.
+  // Makes the version of a reserved number exist. NOT_FOUND if the number is not reserved.
   virtual absl::Status Announce(const security::ModelVersionName& name, const Maker& maker) = 0;
   // Makes a version exist no more. NOT_FOUND if there is none, FAILED_PRECONDITION while an alias
   // points to it.
   virtual absl::Status Retract(const security::ModelVersionName& name) = 0;
   // Calls `edit`, which changes files of a version, while nobody else changes or retracts the
-  // version. NOT_FOUND if there is none. `edit` must not call the store.
+  // version. `edit` must not call the store. NOT_FOUND if there is no such version; the error of
+  // `edit`. If the store is lost after `edit`, the files have changed all the same.
   virtual absl::Status Change(const security::ModelVersionName& name, const Maker& maker,
                               const std::function<absl::Status()>& edit) = 0;
 };

@@ -54,7 +54,8 @@ class VersionStore {
   bool Contains(const security::ModelVersionName& name) const;
   // Returns whether the model has any version.
   bool ContainsModel(const std::string& model) const;
-  // Returns a number that grows when another server changes the labels of the version.
+  // Returns a number that a Refresh increases if the labels or reports of the version have changed
+  // since the Refresh before; always 0 without a ledger.
   int64_t Revision(const security::ModelVersionName& name) const;
   // Returns OK if the version exists; else NOT_FOUND with the reason MODEL_VERSION_NOT_FOUND.
   absl::Status CheckExists(const security::ModelVersionName& name) const;
@@ -94,9 +95,10 @@ class VersionStore {
   // the ledger.
   absl::Status Delete(const security::ModelVersionName& name);
 
-  // Stores a report beside the version that it names, in place of an earlier one on the same
-  // dataset. Errors: NOT_FOUND if there is no such version; RESOURCE_EXHAUSTED if the disk is full,
-  // or another error of files: the earlier report is then still there. Those of the ledger.
+  // Stores a report, without its sampled examples, beside the version that it names, in place of an
+  // earlier one on the same dataset. Errors: INVALID_ARGUMENT for a wrong name of version or
+  // dataset; NOT_FOUND if there is no such version; RESOURCE_EXHAUSTED if the disk is full, or
+  // another error of files: the earlier report is then still there. Those of the ledger.
   absl::Status KeepReport(const v1::EvaluationReport& report, const Maker& maker = {});
   // Lists the reports of a version, newest first, without strata, reliability, rivals and the use
   // of actions. Logs and leaves out those that are damaged. Errors: NOT_FOUND.

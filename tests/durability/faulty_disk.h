@@ -18,10 +18,10 @@ enum class Fault {
   // From one operation on, nothing can be written or created: ENOSPC. The first write that fails
   // has written half of its bytes.
   kFull,
-  // The process ends with kPowerCut. Files that were written and not synced are empty. Names that
-  // were created or changed in a folder that was not synced are as before.
+  // The process ends with kPowerCutStatus. Files that were written and not synced are empty. Names
+  // that were created or changed in a folder that was not synced are as before.
   kPowerCutNames,
-  // The same, but these names are as they were meant to be. Both can happen.
+  // The same, but these names are as they were meant to be. On a real disk either can happen.
   kPowerCut,
 };
 

@@ -14,15 +14,16 @@ namespace maneuver::durability {
 struct Publication {
   // Makes the old state in an empty folder.
   std::function<void(const std::filesystem::path& folder)> prepare;
-  // Publishes. After a failure it is called again, and must then succeed.
+  // Publishes. If a fault has left the old state, it is called again and must then succeed.
   std::function<absl::Status(const std::filesystem::path& folder)> publish;
   // Recovers, as a starting program does. Returns whether the new state is there. Fails the test
   // unless exactly the old or the new state is there, complete.
   std::function<bool(const std::filesystem::path& folder)> is_new;
 };
 
-// Fails the test if any fault breaks the publication. Uses a new folder below `parent` for each.
-// Returns the number of moments at which faults were tried.
+// Fails the test if any fault breaks the publication or leaves a file named *.tmp-* behind. Uses a
+// new folder below `parent` for each fault. Returns the number of moments at which faults were
+// tried.
 int CheckEveryFault(const Publication& publication, const std::filesystem::path& parent);
 
 }  // namespace maneuver::durability

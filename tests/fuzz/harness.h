@@ -1,4 +1,4 @@
-// What a fuzz harness is: a function that takes any bytes, and what must hold whatever they are.
+// Fuzz harnesses: functions that take any bytes and check what must hold whatever they are.
 //
 // A harness is one file. It works under libFuzzer (fuzzer.cc, built by clang), and in ctest with
 // the corpus and a bounded number of seeded mutations (replay.cc).

@@ -29,8 +29,8 @@ class Random {
 void MutateBytes(Random& random, std::string* bytes);
 
 // Sets, clears, adds, removes, repeats or swaps a field of the message or of one inside it. Numbers
-// become such that code forgets: NaN, infinities, the largest and smallest, limits, and those of the
-// same field elsewhere.
+// become those that code tends to forget: NaN, infinities, the largest and smallest, limits, and
+// those of the same field elsewhere.
 void MutateMessage(Random& random, google::protobuf::Message* message);
 
 }  // namespace maneuver::fuzz

@@ -18,8 +18,8 @@ std::string MetricsPage(const ServerProcess& server);
 double ValueOf(const std::string& page, const std::string& series);
 
 // Returns names, types, help and labels of a page in alphabetical order. Leaves out everything that
-// varies: numbers, bounds of buckets, the version, the model and the speeds that were met. Shows one
-// method in place of all.
+// varies: numbers, bounds of buckets, the version, the model and the speeds that were met. Shows
+// one method in place of all.
 //   prefix: of the names to return
 std::string ShapeOf(const std::string& page, const std::string& prefix = "");
 
@@ -27,9 +27,9 @@ std::string ShapeOf(const std::string& page, const std::string& prefix = "");
 void ExpectShape(const std::string& shape, const std::filesystem::path& golden,
                  const std::filesystem::path& seen);
 
-// HasPromtool returns whether Prometheus' own checker is installed. ExpectPromtoolIsContent writes
-// a page to `file` and expects that the checker accepts it.
+// Returns whether Prometheus' own checker is installed.
 bool HasPromtool();
+// Writes a page to `file` and expects that the checker accepts it.
 void ExpectPromtoolIsContent(const std::string& page, const std::filesystem::path& file);
 
 }  // namespace maneuver::integration

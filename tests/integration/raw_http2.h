@@ -16,14 +16,14 @@ class RawHttp2 {
   RawHttp2(const RawHttp2&) = delete;
   RawHttp2& operator=(const RawHttp2&) = delete;
 
-  // SendPreface sends the bytes with which a client begins a connection.
+  // Sends the bytes with which a client begins a connection.
   void SendPreface();
   void SendSettings();
   // Sends settings and windows that let the server send any amount.
   void SendSettingsWithoutFlowControl();
   // Opens a call of a method, "/package.Service/Method", without a message.
   //   stream: 1, 3, 5, ...
-  //   filling: headers of 100 bytes that mean nothing, to be sent beside the call's own; 130 at most
+  //   filling: number of meaningless headers of 100 bytes, sent beside the call's own; at most 130
   void OpenCall(int stream, const std::string& method, int filling = 0);
   // Sends a complete message of at most 16 kB.
   //   declared: the length that its header states

@@ -22,9 +22,10 @@ class LossyProxy {
   // The folder of its socket, for host= of a URI.
   const std::filesystem::path& folder() const { return folder_; }
 
-  // Cuts the connection at the next COMMIT: after PostgreSQL has answered it, or before it has it.
+  // Cuts the connection at the next COMMIT.
+  //   reaches: whether PostgreSQL gets it; only its answer is then lost
   void LoseNextCommit(bool reaches) { next_ = reaches ? Loss::kAnswer : Loss::kRequest; }
-  // How many were lost.
+  // Returns how many COMMITs or answers were lost.
   int lost() const { return lost_; }
 
  private:

@@ -16,11 +16,11 @@ namespace maneuver::data {
 //
 // Keeps obstacles that have a position at any time. An obstacle's states are its initial state and
 // its trajectory; its velocity points along its heading. The state of a static obstacle is repeated
-// at every step of the scenario. An interval counts as its middle, an area in place of a position
-// as its centre, and a shape other than a rectangle as the box around it. Lanelets become
-// centrelines, lines and edges as lanelet_map.h says. A lanelet that refers to traffic lights gets
-// one signal, with the readings of the light's cycle: of the first light for going straight, or of
-// the first one if there is none.
+// at each of the first 10,000 steps of the scenario. An interval counts as its middle, an area in
+// place of a position as its centre, and a shape other than a rectangle as the box around it.
+// Lanelets become centrelines, lines and edges as lanelet_map.h says. A lanelet that refers to
+// traffic lights gets one signal, with the readings of the light's cycle: of the first light for
+// going straight, or of the first one if there is none.
 //
 // INVALID_ARGUMENT, with the element, if it is not XML or not a CommonRoad scenario, has another
 // version, has no such obstacles, or an element that is required is missing or wrong.

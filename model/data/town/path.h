@@ -42,9 +42,11 @@ class Path {
   double length() const { return length_; }
   // Returns the point `s` metres along; the path continues straight beyond its ends.
   PathPoint At(double s) const;
-  // Returns the arc length nearest to p, found by local descent from `guess`.
+  // Returns the arc length nearest to p, found by local descent from `guess`. It may lie beyond the
+  // ends.
   double Project(Vec2 p, double guess) const;
-  // Returns the parallel curve `left` metres to the left.
+  // Returns the parallel curve `left` metres to the left. Bends to that side must have a larger
+  // radius.
   Path Offset(double left) const;
   Path Reversed() const;
   Path Slice(double from, double to) const;

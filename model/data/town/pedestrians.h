@@ -21,16 +21,16 @@ struct Pedestrian {
   double speed = 0.0;   // metres per second
   double offset = 0.0;  // metres left of the footway's line
   bool on_road = false;
-  Vec2 p;
-  double heading = 0.0;  // radians
+  Vec2 p;                // in the place's frame
+  double heading = 0.0;  // radians, in the place's frame
 };
 
 class Pedestrians {
  public:
   Pedestrians(const Place& place, Random& random, int first_id);
 
-  // Moves everyone by one step, given the positions of the vehicles. Times in seconds. Who reaches
-  // the end of the footway disappears.
+  // Moves everyone from `time` by `dt` seconds, given the vehicles at `time` and what they have
+  // ahead (LookAhead). Whoever reaches the end of the footway disappears.
   void Step(double time, double dt, std::span<const Vehicle> vehicles);
   std::span<const Pedestrian> all() const { return walkers_; }
 

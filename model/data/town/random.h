@@ -16,10 +16,12 @@ class Random {
   Random(uint64_t seed, uint64_t index, uint64_t stream);
 
   uint64_t Bits();
+  // Returns a number in [low, high).
   double Uniform(double low, double high);
   // Returns an integer in low .. high, both included.
   int Integer(int low, int high);
   bool Chance(double probability);
+  //   deviation: standard deviation
   double Normal(double mean, double deviation);
   // Returns a normal number, clamped to the bounds.
   double ClampedNormal(double mean, double deviation, double low, double high);

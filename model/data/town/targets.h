@@ -7,10 +7,12 @@
 
 namespace maneuver::data::town {
 
-// Sets prediction_time and target_ids. The moment is at least a second after the start, and where
-// possible eight seconds before the end. Of these, it is the one at which most vehicles are about to
-// do something other than keeping their lane. The targets are up to four vehicles that are visible
-// then and move in the following seconds.
+// Sets prediction_time and target_ids. A vehicle may be a target if it has been visible for a
+// second and moves at least 3 m in the next four. It is the more interesting, the more it does
+// besides keeping its lane in the next five seconds, and the less so, the sooner it disappears. The
+// targets are the up to four most interesting vehicles of the moment at which these are most
+// interesting together, of moments half a second apart, at least a second after the start and where
+// possible eight seconds before the end. There may be none.
 void ChooseTargets(const TownOptions& options, TownRecording& recording);
 
 }  // namespace maneuver::data::town

@@ -18,7 +18,9 @@ struct TrafficOptions {
   double frame_interval = 0.1;  // seconds
 };
 
-// Returns everyone's motion from time 0 to `duration`, in the place's frame, without noise.
+// Returns everyone's motion from time 0 to `duration`, in the place's frame, without noise. A track
+// has a point for each frame in which its owner is there; those with only one are left out. The
+// traffic has run for Place::warm_up before time 0.
 std::vector<Track> SimulateTraffic(const Place& place, const TrafficOptions& options,
                                    Random& random);
 

@@ -11,7 +11,8 @@
 namespace maneuver::learning {
 
 // Returns at::conv2d of the rasters as numbers from 0 to 1, padded by half the kernel. On the CPU
-// it skips zero pixels, in the gradient as well, unless too few are zero. Rasters get no gradient.
+// it skips zero values, in the gradient as well, unless more than a quarter are nonzero. Rasters
+// get no gradient.
 //   weight: [C', C, k, k], on the device that computes
 //   returns: [B, C', h, w], channels last
 at::Tensor ConvolveRasters(const RasterBatch& rasters, const at::Tensor& weight, int64_t stride);

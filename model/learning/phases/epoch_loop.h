@@ -111,10 +111,12 @@ class EpochLoop {
   bool IsOver(std::string_view phase) const { return resumed_ && resumed_->phase() != phase; }
 
   // Learns for the epochs of the plan, from the checkpoint's position if this phase is resumed.
-  //   CANCELLED    the run was asked to stop; a checkpoint of this moment was written
-  //   ABORTED      the loss is no longer finite
-  //   UNAVAILABLE  another rank is lost
-  //   others       those of CheckpointFolder::Write
+  //   CANCELLED            the run was asked to stop; a checkpoint of this moment was written
+  //   ABORTED              the loss is no longer finite
+  //   UNAVAILABLE          another rank is lost
+  //   FAILED_PRECONDITION  this rank has other training examples than rank 0
+  //   DATA_LOSS            the state that rank 0 sent is damaged
+  //   others               those of CheckpointFolder::Write and of the steps
   absl::Status Run(const PhasePlan& plan, const PhaseState& state, EpochSteps& steps);
 
   TrainingProgress& progress() { return progress_; }

@@ -9,9 +9,10 @@ namespace maneuver::learning {
 
 inline constexpr char kPlacePhase[] = "place";
 
-// Places the mixture p(z|y) as the settings say (mixture_placement.h). If several placements are
-// tried, keeps the one with the best held-out base bound after a few epochs. Writes no checkpoint:
-// a run that is stopped here places again. Errors are those of EpochLoop::Run.
+// Places the mixture p(z|y) as the settings say (mixture_placement.h), by at most 16,384 training
+// examples (SpreadExamples). If several placements are tried, keeps the one with the best held-out
+// base bound after a few epochs. Writes no checkpoint: a run that is stopped here places again.
+// Errors are those of EpochLoop::Run.
 absl::Status PlaceMixture(LearningState& state, EpochLoop& loop);
 
 }  // namespace maneuver::learning

@@ -31,8 +31,8 @@ struct RehearsedPhase {
 // Runs one short epoch of the phase, a fortieth of its steps (4 to 40) and one validation, and
 // returns the seconds of a step. They include the step's share of the validation that ends an
 // epoch. Leaves `state` as it was. Returns nothing if the phase is too short for that (fewer than
-// 100 steps), if it fails, or if the run is asked to stop; the phase itself then says why.
-// This process rehearses alone. For a phase that ranks share, it divides the time of a whole step by
+// 100 steps), if it fails, or if the run is asked to stop; the phase itself then says why. This
+// process rehearses alone. For a phase that ranks share, it divides the time of a whole step by
 // their number. The time of their exchanges is not included.
 //   planned: the phase in the plan
 //   clock: measures the time
@@ -51,9 +51,10 @@ struct RehearsedCalibration {
       calibrate;
 };
 
-// Calibrates by a tenth of the examples, on the networks as they are, and returns the seconds of
-// each kind of step. Leaves `state` as it was. Returns nothing if there are too few held-out
-// examples for that, if it fails, or if the run is asked to stop.
+// Calibrates by a tenth of the examples, but at least kFewestHeldOut of each source, on the
+// networks as they are, and returns the seconds of each kind of step. Leaves `state` as it was.
+// Returns nothing if there are fewer than 400 held-out examples, if it fails, or if the run is
+// asked to stop.
 std::optional<std::vector<double>> RehearseCalibration(const RehearsedCalibration& calibration,
                                                        LearningState& state,
                                                        const TrainingProgress::Clock& clock);
@@ -69,8 +70,9 @@ using MeasuredSteps = std::map<std::string, std::vector<double>>;
 
 // Returns the plan with costs in seconds a step. A phase in `measured` gets its measured costs, and
 // one whose `seconds` are known gets those. Other phases get their planned costs times a factor:
-// measured / planned cost of pretraining for phases before the joint phase, and of the joint phase
-// for the rest. Returns the plan unchanged if the joint phase was not measured.
+// the measured / planned cost of pretraining for the phases between it and the joint phase, if
+// pretraining was measured, and that of the joint phase for all others. Returns the plan unchanged
+// if the joint phase was not measured.
 std::vector<TrainingProgress::Phase> WithMeasuredSteps(std::vector<TrainingProgress::Phase> plan,
                                                        const MeasuredSteps& measured);
 

@@ -68,7 +68,8 @@ class RankGroup {
   absl::Status OnRankZero(const std::function<absl::Status()>& work);
   // Runs `work` on each rank, without a limit on its time. Meanwhile the ranks tell each other that
   // they are alive. Returns once all are done: OK, or the error of the lowest rank that failed.
-  // `work` must call StopRequested now and then, and must exchange nothing.
+  // `work` must call StopRequested now and then, and must exchange nothing. An exception of `work`
+  // is thrown on here; the other ranks get INTERNAL.
   absl::Status Apart(const std::function<absl::Status()>& work);
 
  private:
@@ -97,7 +98,7 @@ absl::Status FirstError(const std::vector<RankNote>& notes);
 // Serves the store that ranks on this machine meet at, for their launcher.
 class RankStore {
  public:
-  // Binds a free port.
+  // Serves the store on a free port of 127.0.0.1. UNAVAILABLE if that fails.
   static absl::StatusOr<std::unique_ptr<RankStore>> Serve();
   virtual ~RankStore() = default;
   virtual int port() const = 0;

@@ -15,7 +15,7 @@ namespace maneuver::trainer {
 // fields are errors.
 absl::Status ReadJson(const std::filesystem::path& file, google::protobuf::Message* message);
 
-// Writes a message, replacing `file` in one step.
+// Writes a message, replacing `file` in one step. Errors: those of files::WriteFileAtomically.
 absl::Status WriteJson(const std::filesystem::path& file, const google::protobuf::Message& message);
 
 }  // namespace maneuver::trainer

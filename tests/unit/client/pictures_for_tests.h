@@ -19,7 +19,7 @@ inline cv::Mat Decode(const std::string& png) {
   return cv::imdecode(bytes, cv::IMREAD_COLOR);
 }
 
-// How far a pixel's colour is from `color`, in its worst channel.
+// Returns how far a pixel's colour is from `color`, in the channel where it is furthest.
 inline int Distance(const cv::Vec3b& bgr, Color color) {
   return std::max({std::abs(bgr[2] - color.red), std::abs(bgr[1] - color.green),
                    std::abs(bgr[0] - color.blue)});
@@ -74,8 +74,8 @@ inline ScenePlotOptions Options() {
   return options;
 }
 
-// Where a point of the target's frame lies in a picture, read off the picture itself: the target's
-// box is the only large patch of its yellow, 10 m by 4 m about the origin.
+// Finds where the points of the target's frame lie in a picture, from the picture itself: the
+// target's box, 10 m by 4 m about the origin, is the only large patch of its yellow.
 class PictureFrame {
  public:
   explicit PictureFrame(const cv::Mat& picture) {
@@ -104,7 +104,9 @@ class PictureFrame {
     scale_ = (right - left) / 10.0;
   }
 
-  // The pixel nearest to `color` among those within two of where (ahead, left) lies.
+  // Returns the smallest Distance from `color` among the pixels within two of where (ahead, left)
+  // lies.
+  //   ahead, left: metres
   int NearestDistance(const cv::Mat& picture, double ahead, double left, Color color) const {
     const int x = static_cast<int>(std::lround(center_x_ + ahead * scale_));
     const int y = static_cast<int>(std::lround(center_y_ - left * scale_));

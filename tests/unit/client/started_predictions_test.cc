@@ -1,3 +1,4 @@
+#include <google/protobuf/text_format.h>
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -148,6 +149,31 @@ TEST(StartPredictionTest, CallsTheChosenMethod) {
     client->StartPrediction(PreparedPrediction(RequestFor("a"), method), answers.Take());
     EXPECT_TRUE(absl::IsUnimplemented(answers.WaitFor(++ended).back().status()));
   }
+}
+
+TEST(PreparedPredictionTest, KeepsEveryFieldThatItsMethodKnows) {
+  v1::PredictRequest request = RequestFor("a");
+  request.add_scenarios()->set_scenario_id("crossing");
+  request.mutable_query()->set_top_k(3);
+  request.set_priority(v1::PRIORITY_BULK);
+  request.set_include_action_names(true);
+  request.add_required_action_names("left turn");
+  request.set_strict(true);
+
+  // The fields of the three messages bear the same names.
+  const std::string text = request.ShortDebugString();
+  v1::PredictActionDistributionsRequest distributions;
+  ASSERT_TRUE(google::protobuf::TextFormat::ParseFromString(text, &distributions));
+  EXPECT_EQ(PreparedPrediction(request, PredictionMethod::kPredictActionDistributions).bytes(),
+            distributions.ByteSizeLong());
+
+  request.clear_query();
+  v1::PredictActionProbabilitiesRequest probabilities;
+  ASSERT_TRUE(
+      google::protobuf::TextFormat::ParseFromString(request.ShortDebugString(), &probabilities));
+  request.mutable_query()->set_top_k(3);
+  EXPECT_EQ(PreparedPrediction(request, PredictionMethod::kPredictActionProbabilities).bytes(),
+            probabilities.ByteSizeLong());
 }
 
 // Holds calls until they are cancelled.

@@ -40,7 +40,7 @@ class TestServer final {
       on_watch;
   std::function<grpc::Status(grpc::ServerReader<v1::UploadDatasetRequest>*, v1::Dataset*)>
       on_upload;
-  // Empty: nothing has arrived, as far as a server of before the question knows.
+  // Empty: UNIMPLEMENTED, as from a server of an earlier release.
   std::function<grpc::Status(const v1::QueryUploadRequest&, v1::QueryUploadResponse*)>
       on_query_upload;
   std::function<grpc::Status(

@@ -4,9 +4,13 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <functional>
+#include <numeric>
 #include <vector>
 
 #include "model/artifact/model_spec.h"
+#include "model/artifact/model_weights.h"
+#include "model/artifact/training_presets.h"
 #include "tests/unit/model/artifact/tiny_model.h"
 
 namespace maneuver::artifact::pruning_test {
@@ -44,6 +48,29 @@ TEST(PruningTest, EveryTensorHasTheShapeOfTheSmallerModel) {
             TinyModel().weights.at("decoder.0.weight").values);
   EXPECT_EQ(pruned->weights.at("action_predictor.0.weight").values,
             TinyModel().weights.at("action_predictor.0.weight").values);
+}
+
+TEST(PruningTest, ModelOfThePresetLanesStaysComplete) {
+  StoredModel model;
+  *model.manifest.mutable_spec() = ResolveTrainingSettings({}).model();
+  ASSERT_TRUE(model.manifest.spec().has_action_geometry());
+  for (const auto& [name, shape] : TensorShapes(model.manifest.spec())) {
+    Tensor& tensor = model.weights[name];
+    tensor.shape = shape;
+    const int64_t count =
+        std::accumulate(shape.begin(), shape.end(), int64_t{1}, std::multiplies());
+    tensor.values.assign(static_cast<size_t>(count), 0.5f);
+  }
+  const auto biases_of = [](StoredModel& of) -> std::vector<float>& {
+    return of.weights.at("action_geometry.joint_action.bias").values;
+  };
+  const size_t width = biases_of(model).size() / 25;
+  biases_of(model)[7 * width] = 7.0f;
+
+  auto pruned = PruneActions(model, std::vector<int>{3, 7, 0});
+  ASSERT_TRUE(pruned.ok()) << pruned.status();
+  EXPECT_EQ(FindWeightFault(pruned->manifest.spec(), pruned->weights), "");
+  EXPECT_EQ(biases_of(*pruned)[1 * width], 7.0f);
 }
 
 TEST(PruningTest, WeightsOfTheMixtureAreRenormalised) {

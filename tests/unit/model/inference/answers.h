@@ -20,7 +20,7 @@ std::vector<double> Doubles(const Range& values) {
   return {values.data(), values.data() + values.size()};
 }
 
-// Relative to the largest of the expected values.
+// Expects that the values differ by at most `tolerance` times the largest of the expected values.
 inline void ExpectNear(const std::vector<double>& actual, const std::vector<double>& expected,
                        double tolerance, const std::string& what) {
   ASSERT_EQ(actual.size(), expected.size()) << what;
@@ -31,6 +31,7 @@ inline void ExpectNear(const std::vector<double>& actual, const std::vector<doub
   }
 }
 
+// Return whether all numbers are the same to the last bit.
 template <typename A, typename B>
 bool SameBits(const A& a, const B& b) {
   if (a.size() != b.size()) return false;

@@ -19,7 +19,8 @@ struct Problem {
   FoldedConvolution folded;
   std::vector<uint8_t> raster;  // [H, W, C]
 
-  // As if something had been painted across the right end of every fifth row.
+  // Returns the raster, with 0xff in the padding of every fifth row, as if something had been
+  // painted across its right end.
   scene::Raster Drawn() const {
     const artifact::GridSize& grid = layer.input;
     auto drawn = scene::RasterOf(grid.height, grid.width, grid.channels, raster);
@@ -34,7 +35,8 @@ struct Problem {
   }
 };
 
-// A raster of which one value in `one_in` is nonzero, at random.
+// Returns a convolution with random weights of a random raster, of which one value in `one_in` is
+// nonzero.
 inline Problem MakeProblem(int kernel, int stride, int inputs, int outputs, int one_in,
                            int width = 22) {
   std::mt19937 random(kernel * 1000 + stride * 100 + inputs * 10 + outputs);
@@ -56,7 +58,9 @@ inline Problem MakeProblem(int kernel, int stride, int inputs, int outputs, int 
   return problem;
 }
 
-// Every product of the channels from `first` on, one after the other.
+// Returns one output value without its bias: adds its products one after the other.
+//   first: the first input channel that counts
+//   row, column, channel: of the output
 inline double Products(const Problem& problem, int first, int row, int column, int channel) {
   const artifact::BackboneLayer& layer = problem.layer;
   double sum = 0.0;

@@ -18,8 +18,8 @@ namespace maneuver::inference {
 // A model of random weights whose activations stay of order 1, with every part of it at work.
 artifact::StoredModel RandomModel(const v1::ModelSpec& spec, uint32_t seed);
 
-// A raster as sparse as real ones if the seed is odd; if it is even, one of which more is nonzero,
-// which the engine convolves in another way.
+// Returns a raster that is as sparse as real ones if the seed is odd. If the seed is even, more of
+// it is nonzero, and the engine convolves it in another way.
 std::vector<uint8_t> RandomRaster(const v1::ModelSpec& spec, uint32_t seed);
 
 // A target that moves at up to 20 m/s among `paths` straight lane paths, some with a leader or a
@@ -44,7 +44,7 @@ class ReferenceModel {
 
   // [F] of the backbone.
   Values Features(const std::vector<uint8_t>& raster) const;
-  // Of a model with scene vectors.
+  // Encodes a scene for a model with scene vectors.
   //   raster_features: of the backbone; empty without a raster
   Scene Encode(const scene::SceneVectors& vectors, const Values& raster_features) const;
 

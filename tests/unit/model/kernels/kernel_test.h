@@ -1,4 +1,5 @@
-// Tests that run once for each target of this binary that the processor has, and for plain.
+// Tests that run once for each kernel target of this binary that the processor has, and once with
+// the plain loops.
 
 #ifndef MANEUVER_TESTS_UNIT_MODEL_KERNELS_KERNEL_TEST_H_
 #define MANEUVER_TESTS_UNIT_MODEL_KERNELS_KERNEL_TEST_H_

@@ -56,7 +56,7 @@ inline v1::MapFeature* AddFeature(v1::Scenario* scenario, v1::MapFeatureType typ
   return feature;
 }
 
-// A raster with access to its pixels.
+// The pixels of a raster.
 class Picture {
  public:
   Picture(const v1::RasterSpec& spec, const Raster& raster)

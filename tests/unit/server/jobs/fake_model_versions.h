@@ -1,4 +1,4 @@
-// Versions of models that are names alone: their folders are never read.
+// Model versions of which only the names matter: nothing reads their folders.
 
 #ifndef MANEUVER_TESTS_UNIT_SERVER_JOBS_FAKE_MODEL_VERSIONS_H_
 #define MANEUVER_TESTS_UNIT_SERVER_JOBS_FAKE_MODEL_VERSIONS_H_
@@ -17,8 +17,9 @@
 
 namespace maneuver::jobs {
 
-// Published versions are numbered from 1, whatever their model. Version 7 of models/town is there,
-// in {folder}/model/7; an alias, and no reference, means it. No version of models/none is there.
+// Numbers published versions from 1, across models. Version 7 of models/town exists, in
+// {folder}/model/7: every alias resolves to it, and so does a missing reference. models/none has no
+// versions.
 class FakeModelVersions final : public serving::ModelVersions {
  public:
   explicit FakeModelVersions(std::filesystem::path folder) : folder_(std::move(folder)) {}

@@ -53,7 +53,7 @@ inline std::vector<std::string> NamesOf(const std::vector<v1::Job>& jobs) {
   return names;
 }
 
-// Makes new stores, and opens them again and again.
+// Makes one store, and opens it again and again.
 class StoreMaker {
  public:
   virtual ~StoreMaker() = default;
@@ -296,8 +296,6 @@ TEST_P(StoreTest, TakesOverJobsOfAnEarlierProcessAndNoOthers) {
   EXPECT_TRUE(store_->Finish(held.lease, To(v1::JOB_STATE_SUCCEEDED)).ok());
 }
 
-// Written by a server that knew no priorities.
-
 TEST_P(StoreTest, ProgressIsReadFromACursorOn) {
   ASSERT_TRUE(store_->Add(PendingJob("a"), "", "").ok());
   const JobLease lease = Claim().lease;
@@ -393,8 +391,6 @@ TEST_P(StoreTest, AliasesAreMovedListedAndRemoved) {
   EXPECT_TRUE(absl::IsNotFound(store_->DeleteAlias({"town", "serving"})));
   EXPECT_TRUE(absl::IsNotFound(store_->GetAlias({"town", "serving"}).status()));
 }
-
-// As deploy/backup.sh does.
 
 TEST_P(StoreTest, ManyThreadsMayUseIt) {
   std::vector<std::thread> threads;

@@ -51,7 +51,8 @@ inline bool WaitForNews(JobNews& news, const std::string& job, const std::functi
   }
 }
 
-// All events of a job until it ended.
+// Returns the job as of each of its events, until it has ended.
+//   after_sequence, limit: as in JobEventReader
 inline std::vector<v1::Job> Follow(JobNews& news, JobStore& store, const std::string& job,
                                    int64_t after_sequence, int limit) {
   std::vector<v1::Job> all;
@@ -98,8 +99,8 @@ class SupervisorTest : public testing::Test {
     OpenStore();
   }
 
-  // What the trainer does. $command, $output, $settings, $dataset, $dataset_name, $model,
-  // $checkpoints are its arguments, $arguments all of them.
+  // Makes the trainer do what `body` says, in the language of sh. $command, $output, $settings,
+  // $dataset, $dataset_name, $model, $checkpoints are its arguments, $arguments all of them.
   void Trainer(const std::string& body) {
     const std::filesystem::path file = folder_ / "trainer";
     // Replaced, not rewritten: a process may still run the one before.
@@ -132,7 +133,8 @@ done
     supervisor_ = *std::move(supervisor);
   }
 
-  // From the next start on. They outlive this until then.
+  // Counts in these metrics from the next start on. They must live until the supervisor has
+  // stopped.
   void UseMetrics(monitoring::MetricRegistry& metrics) { job_metrics_ = &metrics; }
 
   static v1::TrainRequest TrainTown() {
@@ -151,7 +153,7 @@ done
   v1::Job WaitForEnd(const std::string& job) {
     return WaitFor(job, [](const v1::Job& j) { return HasEnded(j.state()); });
   }
-  // Until the trainer has reported something: it runs, and has set its traps.
+  // Waits until the trainer has reported something: it runs, and has set its traps.
   v1::Job WaitForProgress(const std::string& job) {
     return WaitFor(job, [](const v1::Job& j) { return j.has_progress(); });
   }

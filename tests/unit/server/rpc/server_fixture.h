@@ -47,7 +47,7 @@ class MemoryAliasStore final : public serving::AliasStore {
   std::map<security::ModelAliasName, int> aliases_;
 };
 
-// ErrorInfo of a failed call.
+// Returns the ErrorInfo of a failed call; the reason "no details" if it has none.
 inline v1::ErrorInfo InfoOf(const grpc::Status& status) {
   v1::Status details;
   v1::ErrorInfo info;
@@ -138,14 +138,14 @@ class ServerTest : public ::testing::Test {
     return stub_->Predict(&context, request, response);
   }
 
-  // Bytes of answers that their callers have not taken.
+  // Returns the metric: bytes of answers that their callers have not taken.
   double SendMemory() const {
     const std::string page = metrics_->Page();
     const std::string name = "\nmaneuver_send_memory_bytes ";
     return std::stod(page.substr(page.find(name) + name.size()));
   }
 
-  // A unary call of any bytes.
+  // Makes a unary call with any bytes as its request.
   static grpc::Status CallWithBytes(const std::shared_ptr<grpc::Channel>& channel,
                                     const std::string& method, const std::string& bytes,
                                     grpc::ByteBuffer* answer) {
@@ -163,7 +163,7 @@ class ServerTest : public ::testing::Test {
     return status;
   }
 
-  // grpc.health.v1: 1 is SERVING, 2 is NOT_SERVING.
+  // Returns the answer of grpc.health.v1: 1 is SERVING, 2 is NOT_SERVING; -1 if the call fails.
   int Health(const std::string& service) {
     std::string request = "\x0a";
     request += static_cast<char>(service.size());

@@ -1,5 +1,5 @@
-// A model that costs nothing and says what was asked of it. Its actions are ahead by as many metres
-// as the target drives in a second, if it reads vectors.
+// A model that costs nothing and counts what was asked of it. If it reads vectors, its actions lie
+// further ahead by the way that the target drives in a second.
 
 #ifndef MANEUVER_TESTS_UNIT_SERVER_SERVING_FAKE_ACTION_MODEL_H_
 #define MANEUVER_TESTS_UNIT_SERVER_SERVING_FAKE_ACTION_MODEL_H_
@@ -35,7 +35,7 @@ class FakeNetworks {
     }
     changed_.notify_all();
   }
-  // One batch, though the gate is closed.
+  // Lets one batch pass, though the gate is closed.
   void LetOnePass() {
     {
       const std::lock_guard lock(mutex_);
@@ -43,7 +43,7 @@ class FakeNetworks {
     }
     changed_.notify_all();
   }
-  // Until so many batches have entered Encode.
+  // Waits until so many batches have entered Encode.
   void AwaitBatches(size_t count) {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [&] { return batches_.size() >= count; });
@@ -56,7 +56,7 @@ class FakeNetworks {
     const std::lock_guard lock(mutex_);
     return described_;
   }
-  // How many mean trajectories were decoded on their own.
+  // Returns how many mean trajectories were decoded on their own.
   int means() {
     const std::lock_guard lock(mutex_);
     return means_;
@@ -120,7 +120,7 @@ class FakeSession final : public inference::InferenceSession {
     for (const int action : actions) {
       inference::ActionDistribution answer;
       answer.action = action;
-      // Of no scene, there is no feature.
+      // Without a scene there is no feature.
       const double feature = encoding.features.size() > 0 ? encoding.features[0] : 0.0;
       answer.latent_mean = Eigen::VectorXd::Constant(1, feature);
       answer.moment_mean = Mean(action, encoding);
@@ -183,7 +183,7 @@ class FakeActionModel final : public inference::ActionModel {
     spec.set_latent_dimensions(1);
   }
 
-  // A model that reads vectors in place of a raster.
+  // Returns a model that reads vectors in place of a raster.
   static std::shared_ptr<const FakeActionModel> OfVectors(FakeNetworks& networks) {
     auto model = std::make_shared<FakeActionModel>(networks);
     model->manifest_.mutable_spec()->clear_raster();

@@ -23,10 +23,10 @@ namespace maneuver::serving {
 class ServingTableTest : public ::testing::Test {
  protected:
   void SetUp() override { Restart(); }
-  // Before the metrics that a fixture derived from this one has lent it.
+  // Destroys the table before the metrics that a derived fixture has lent it (UseMetrics).
   void TearDown() override { table_ = nullptr; }
 
-  // A server that starts over the same data.
+  // Opens store and table again, as a server that starts over the same data.
   void Restart() {
     table_ = nullptr;
     auto store = VersionStore::Open(folder_ / "models");
@@ -49,10 +49,10 @@ class ServingTableTest : public ::testing::Test {
     table_->LoadAliased();
   }
 
-  // From the next start on. They outlive it.
+  // Counts in these metrics from the next Restart on. They must outlive the table.
   void UseMetrics(monitoring::MetricRegistry& metrics) { table_metrics_ = &metrics; }
 
-  // What a trainer leaves behind.
+  // Makes a folder as a trainer leaves it.
   std::filesystem::path FinishedModel(const std::string& weights = "good") {
     const std::filesystem::path finished = folder_ / ("finished-" + std::to_string(++finished_));
     std::filesystem::create_directories(finished);
@@ -74,7 +74,7 @@ class ServingTableTest : public ::testing::Test {
   static std::optional<security::ModelReference> Version(const std::string& model, int version) {
     return security::ModelVersionName{model, version};
   }
-  // The version that answers, or 0 if it is not in memory, or -1 if there is none.
+  // Returns the number of the version that answers; 0 if it is not in memory, -1 if there is none.
   int Answers(const std::optional<security::ModelReference>& reference) {
     const auto handle = table_->Find(reference);
     if (!handle.ok()) return -1;

@@ -12,8 +12,8 @@
 
 namespace maneuver::data {
 
-// Scenes "scene-0001", "scene-0002" and so on, two of each drive "n001-a", "n001-b" and so on, all at
-// "toy-town". In each, from its first sample on, one sample each half second:
+// Scenes "scene-0001", "scene-0002" and so on, two of each drive "n001-a", "n001-b" and so on, all
+// at "toy-town". In each, from its first sample on, one sample each half second:
 //   car         along y = 0 at 10 m/s from x = 0
 //   walker      along x = 20 at 1 m/s from y = -10
 //   rider       a bicycle with a rider, along y = -3 at 4 m/s
@@ -34,14 +34,14 @@ struct NuScenesFixture {
 
   // Returns the token of a name: 32 hexadecimal digits.
   static std::string Token(const std::string& name);
-  // Returns the row of a table that has this token.
+  // Returns the row of a table whose token is Token(name).
   nlohmann::json& Row(const std::string& table, const std::string& name);
 
   std::map<std::string, nlohmann::json> tables;  // by name
   // Lanes: "one" along y = 0 and "two" along y = 3.5, from x = 0 to 100; "three" along y = 7 the
   // other way; connector "left" from the end of "one" by an arc of 90 degrees and a radius of 10 m,
-  // then 5 m straight; "up" from there, 20 m; connector "back" from the end of "up" to the beginning
-  // of "one", so that the lanes have a cycle.
+  // then 5 m straight; "up" from there, 20 m; connector "back" from the end of "up" to the
+  // beginning of "one", so that the lanes have a cycle.
   nlohmann::json map;
 
  private:
