@@ -2,6 +2,7 @@
 
 #include <google/protobuf/util/json_util.h>
 
+#include <algorithm>
 #include <utility>
 
 #include "server/errors/error_details.h"
@@ -52,10 +53,14 @@ void ProgressRecorder::Record(const std::string& line) {
   }
   progress.set_fraction(part_begin_ + (part_end_ - part_begin_) * progress.fraction());
   last_fraction_ = progress.fraction();
-  if (progress.has_time_left() && runs_after_ > 0) {
-    const int64_t left = progress.time_left().seconds();
-    const int64_t run = absl::ToInt64Seconds(now_() - run_begun_at_) + left;
-    progress.mutable_time_left()->set_seconds(left + runs_after_ * run);
+  if (progress.has_time_left()) {
+    absl::Duration left = ToDuration(progress.time_left());
+    if (runs_after_ > 0) left += runs_after_ * (now_() - run_begun_at_ + left);
+    *progress.mutable_time_left() = ToProto(left);
+    ends_at_ = now_() + left;
+  } else if (ends_at_) {
+    // The next trainer does not know yet how long it takes.
+    *progress.mutable_time_left() = ToProto(std::max(absl::ZeroDuration(), *ends_at_ - now_()));
   }
   if (!progress.has_time()) *progress.mutable_time() = ToTimestamp(now_());
   if (progress.has_epoch_report() || progress.phase() != last_phase_ ||

@@ -31,7 +31,8 @@ class ProgressRecorder {
   // At first the part is the whole job.
   void SetPart(double begin, double end);
   // Divides the rest of the job into `runs` equal parts, of which the trainer now begins the first.
-  // Maps its fractions to that part. The time left that it reports then counts all parts.
+  // Maps its fractions to that part. The time left that it reports then counts all parts. Until it
+  // reports one, the time left that was recorded last goes down with the clock.
   void SetRest(int runs);
   // Records one line of the trainer: a JobProgress as proto3 JSON. Logs and skips any other line.
   void Record(const std::string& line);
@@ -55,8 +56,9 @@ class ProgressRecorder {
   double last_fraction_;  // of the job
   double part_begin_ = 0.0;
   double part_end_ = 1.0;
-  int runs_after_ = 0;         // parts that follow the present one (SetRest)
-  absl::Time run_begun_at_{};  // when the present part began, if runs_after_ > 0
+  int runs_after_ = 0;                 // parts that follow the present one (SetRest)
+  absl::Time run_begun_at_{};          // when the present part began, if runs_after_ > 0
+  std::optional<absl::Time> ends_at_;  // when the job ends, by the latest time left
   std::optional<v1::JobProgress> waiting_;
 };
 

@@ -58,6 +58,10 @@ class Server:
             time.sleep(0.02)
         self.address = json.loads(ports.read_text())["grpc"]
 
+    @property
+    def pid(self):
+        return self._process.pid
+
     def kill(self):
         """SIGKILL, and waits until it is gone."""
         self._process.kill()

@@ -1,12 +1,15 @@
 #!/usr/bin/python3
 """Several processes learn one model: with the bits of one process, whatever happens to them on the way.
 
-  tests/ranks/ranks_test.py --maneuver PROGRAM --trainer PROGRAM [--kills N] [--server-kills N]
+  tests/ranks/ranks_test.py --maneuver PROGRAM --trainer PROGRAM [--kills N] [--job-kills N]
 
 maneuverd must lie beside the trainer.
 """
 
 import argparse
+import collections
+import itertools
+import json
 import os
 import random
 import shutil
@@ -14,12 +17,14 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 import unittest
 
-from training import Training, children_of, end, rank_of, wait_for_phase, wait_for_phase_of_job, wait_until_gone
+from training import (Training, children_of, descendants_of, end, rank_of, wait_for_phase,
+                       wait_for_phase_of_job, wait_until_gone)
 
 RANK_LOST = 83
-options = argparse.Namespace(maneuver=None, trainer=None, kills=0, server_kills=0)
+options = argparse.Namespace(maneuver=None, trainer=None, kills=0, job_kills=0)
 
 
 class RanksTest(unittest.TestCase):
@@ -61,27 +66,64 @@ class RanksTest(unittest.TestCase):
         self.training.learn("eight", "--ranks", "8", "--rank-timeout", "60")
         self.assert_same_weights("eight")
 
-    def test_a_job_of_two_ranks_survives_kills_of_its_server(self):
-        """With --server-kills: that many, at random moments."""
-        server = self.training.serve()
+    def hurt_a_rank(self, server, job, rank, number, hurt):
+        """Sends a signal to a rank of the job once both run. `hurt` has the ranks of earlier calls.
+
+        Returns whether they ran before the job ended.
+        """
+        for poll in itertools.count(1):
+            ranks = {rank_of(pid): pid for pid in descendants_of(server.pid) if pid not in hurt}
+            if {0, 1} <= ranks.keys():
+                break
+            if poll % 50 == 0:
+                state = json.loads(server.maneuver("job", "show", job, "--output", "json"))["state"]
+                if state not in ("JOB_STATE_PENDING", "JOB_STATE_RUNNING"):
+                    return False
+            time.sleep(0.02)
+        hurt.update((ranks[0], ranks[1]))
+        try:
+            os.kill(ranks[rank], number)
+        except ProcessLookupError:
+            return False
+        return True
+
+    def test_a_job_of_two_ranks_survives_kills_of_its_ranks_and_of_its_server(self):
+        """With --job-kills: until so many of random kinds, at random moments, up to four in each job."""
+        server = self.training.serve_with_impatient_ranks()
         self.addCleanup(server.close)
         draw = random.Random(2)
-        moments = [("joint", 2)]
-        for _ in range(options.server_kills):
-            moments.append(draw.choice([("load", 0), ("pretrain",), ("joint",), ("joint", 3), ("posterior",)]))
-        for i, moment in enumerate(moments):
-            if i % 4 == 0:
-                model = f"town-{i // 4}"
-                job = self.training.start_job(server, model, 2)
-            wait_for_phase_of_job(server, job, *moment)
-            server.kill()
-            server.start()
-            if i % 4 == 3 or i + 1 == len(moments):
-                server.maneuver("job", "watch", job)
-                weights = self.training.weights_of_version(server, model)
-                self.assertEqual(weights, self.training.weights("undisturbed"))
-                if options.server_kills:
-                    print(f"{i + 1} kills of the server, weights {weights[:16]}", flush=True)
+        kinds = ("kills of a rank", "frozen ranks", "kills of the server")
+        moments = (("load", 0), ("pretrain",), ("joint",), ("joint", 3), ("posterior",))
+        counts, hurt = collections.Counter(), set()
+
+        def disturb(job, kind, moment):
+            if not wait_for_phase_of_job(server, job, *moment):
+                return False
+            if kind == kinds[2]:
+                server.kill()
+                server.start()
+            elif not self.hurt_a_rank(server, job, draw.randrange(2),
+                                      signal.SIGKILL if kind == kinds[0] else signal.SIGSTOP, hurt):
+                return False
+            counts[kind] += 1
+            return True
+
+        for number in range(max(1, options.job_kills)):
+            plan = zip(kinds, (("joint",), ("joint", 2), ("joint", 3)))
+            if options.job_kills:
+                plan = [(draw.choice(kinds), draw.choice(moments))
+                        for _ in range(min(4, options.job_kills - counts.total()))]
+            job = self.training.start_job(server, f"town-{number}", 2)
+            for kind, moment in plan:
+                if not disturb(job, kind, moment):
+                    break  # it has ended
+            server.maneuver("job", "watch", job)
+            weights = self.training.weights_of_version(server, f"town-{number}")
+            self.assertEqual(weights, self.training.weights("undisturbed"))
+            if options.job_kills:
+                print(f"{dict(counts)}, weights {weights[:16]}", flush=True)
+            if counts.total() >= options.job_kills:
+                break
 
     def test_killed_frozen_and_stopped_ranks_end_in_time_and_the_next_run_goes_on(self):
         def kill(_, pids):
@@ -192,6 +234,6 @@ if __name__ == "__main__":
     parser.add_argument("--maneuver", required=True)
     parser.add_argument("--trainer", required=True)
     parser.add_argument("--kills", type=int, default=0)
-    parser.add_argument("--server-kills", type=int, default=0)
+    parser.add_argument("--job-kills", type=int, default=0)
     _, rest = parser.parse_known_args(namespace=options)
     unittest.main(argv=[sys.argv[0], *rest])

@@ -73,6 +73,15 @@ class Training:
         server.maneuver("dataset", "upload", self.folder / "town", "town")
         return server
 
+    def serve_with_impatient_ranks(self):
+        """Starts a server that has the dataset. The ranks of its jobs wait five seconds for one that is frozen.
+
+        A job may lose ranks without end: those of a busy machine may be slower than that.
+        """
+        launcher = self.folder / "launch.sh"
+        launcher.write_text('ranks=$1; shift\nexec "$@" --ranks "$ranks" --rank-timeout 5\n')
+        return self.serve("--trainer-command", f"sh {launcher} {{ranks}}", "--job-attempts", "1000")
+
     def start_job(self, server, model, ranks):
         """Starts a job that learns version 1 of `model`. Returns its name."""
         return server.maneuver("train", model, "--dataset", "town", "--settings", self.settings, "--ranks", ranks,
@@ -106,9 +115,24 @@ def children_of(pid):
     return [int(child) for child in pathlib.Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
+def descendants_of(pid):
+    """Processes that a process, one of its threads or one of those processes has started."""
+    found = []
+    try:
+        for thread in pathlib.Path(f"/proc/{pid}/task").iterdir():
+            found += [int(child) for child in (thread / "children").read_text().split()]
+    except (FileNotFoundError, ProcessLookupError):
+        pass  # it has ended meanwhile
+    return found + [each for child in found for each in descendants_of(child)]
+
+
 def rank_of(pid):
-    variables = pathlib.Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
-    return next(int(v.split(b"=")[1]) for v in variables if v.startswith(b"RANK="))
+    """The rank that a process is; None if it is none, or has ended."""
+    try:
+        variables = pathlib.Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
+    except (FileNotFoundError, ProcessLookupError):
+        return None
+    return next((int(v.split(b"=")[1]) for v in variables if v.startswith(b"RANK=")), None)
 
 
 def is_gone(pid):

@@ -4,6 +4,7 @@
 
 #include <memory>
 
+#include "server/jobs/job_time.h"
 #include "server/jobs/sqlite_store.h"
 #include "tests/unit/temporary_folder.h"
 
@@ -123,6 +124,31 @@ TEST_F(ProgressRecorderTest, TheRestOfAJobIsSharedByTheRunsThatFollow) {
   EXPECT_DOUBLE_EQ(record(0.0, 3).fraction(), 0.8);
   EXPECT_EQ(record(0.5, 2).time_left().seconds(), 2);
   EXPECT_DOUBLE_EQ(record(1.0, 0).fraction(), 1.0);
+}
+
+TEST_F(ProgressRecorderTest, TheTimeLeftOfSeveralRunsIsNotRounded) {
+  recorder_->SetRest(3);
+  now_ += absl::Milliseconds(600);
+  recorder_->Record(R"({"phase":"evaluate","fraction":0.2,"timeLeft":"1.400s"})");
+  const v1::JobProgress progress = store_->ListProgress("jobs/a", 0, 10)->back();
+  EXPECT_EQ(ToDuration(progress.time_left()), absl::Milliseconds(1400 + 2 * (600 + 1400)));
+}
+
+TEST_F(ProgressRecorderTest, TheTimeLeftGoesDownUntilTheNextRunReportsOne) {
+  const auto left = [this](const std::string& report) {
+    recorder_->Record(report);
+    recorder_->Flush();
+    const v1::JobProgress progress = store_->ListProgress("jobs/a", 0, 10)->back();
+    return progress.has_time_left() ? ToDuration(progress.time_left()) : absl::InfiniteDuration();
+  };
+  EXPECT_EQ(left(R"({"phase":"load"})"), absl::InfiniteDuration());
+  EXPECT_EQ(left(R"({"phase":"joint","timeLeft":"4s"})"), absl::Seconds(4));
+  recorder_->SetRest(1);
+  now_ += absl::Seconds(1.5);
+  EXPECT_EQ(left(R"({"phase":"load"})"), absl::Seconds(2.5));
+  now_ += absl::Seconds(3);
+  EXPECT_EQ(left(R"({"phase":"evaluate"})"), absl::ZeroDuration());
+  EXPECT_EQ(left(R"({"phase":"evaluate","timeLeft":"2s"})"), absl::Seconds(2));
 }
 
 TEST_F(ProgressRecorderTest, SkipsLinesThatAreNotAMessage) {
