@@ -14,6 +14,11 @@ set(CMAKE_CXX_FLAGS_RELEASE "-O2")
 
 if(MANEUVER_PORTABLE)
   add_compile_options(-march=x86-64-v3)
+  # Without these, GCC clears objects of 128 bytes by `rep stos` instead of by four stores. Parsing a
+  # scene then takes 1.14 times as long.
+  if(CMAKE_CXX_COMPILER_ID STREQUAL GNU AND CMAKE_CXX_COMPILER_VERSION VERSION_GREATER_EQUAL 12)
+    add_compile_options(-mmove-max=256 -mstore-max=256)
+  endif()
 else()
   add_compile_options(-march=native)
 endif()

@@ -350,14 +350,18 @@ class Session final : public InferenceSession {
     probability::MomentsOfSigmaPoints(images, &moments_);
     Eigen::Map<Eigen::VectorXd>(distribution->moment_mean.data(), images.cols()) = moments_.mean;
     WaypointCovariances& covariance = distribution->moment_covariance;
-    for (Eigen::Index d = 0; d < moments_.deviations.rows(); ++d) {
-      for (Eigen::Index t = 0; t < waypoints; ++t) {
+    for (Eigen::Index t = 0; t < waypoints; ++t) {
+      double xx = covariance(t, 0);
+      double xy = covariance(t, 1);
+      double yy = covariance(t, 2);
+      for (Eigen::Index d = 0; d < moments_.deviations.rows(); ++d) {
         const double x = moments_.deviations(d, 2 * t);
         const double y = moments_.deviations(d, 2 * t + 1);
-        covariance(t, 0) += x * x;
-        covariance(t, 1) += x * y;
-        covariance(t, 2) += y * y;
+        xx += x * x;
+        xy += x * y;
+        yy += y * y;
       }
+      covariance.row(t) << xx, xy, yy;
     }
     distribution->sigma = TrajectorySet(std::move(images));
   }

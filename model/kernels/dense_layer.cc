@@ -125,6 +125,7 @@ size_t FindNonzero(const float* x, int rows, int inputs, uint32_t* nonzero) {
   static_assert(kLanes <= static_cast<int>(kAhead));
   size_t count = 0;
   int i = 0;
+  auto places = hn::Iota(words, 0);  // once: it takes an instruction for each lane
   for (; i + kLanes <= inputs; i += kLanes) {
     Vector any = hn::LoadU(d, x + i);
     for (int r = 1; r < rows; ++r) {
@@ -132,9 +133,9 @@ size_t FindNonzero(const float* x, int rows, int inputs, uint32_t* nonzero) {
     }
     const auto found = hn::Ne(hn::BitCast(words, any), hn::Zero(words));
     // Not CompressStore, which takes some processors a hundred cycles.
-    const auto places = hn::Compress(hn::Iota(words, static_cast<uint32_t>(i)), found);
-    hn::StoreU(places, words, nonzero + count);
+    hn::StoreU(hn::Compress(places, found), words, nonzero + count);
     count += hn::CountTrue(words, found);
+    places = hn::Add(places, hn::Set(words, kLanes));
   }
   for (; i < inputs; ++i) {
     uint32_t any = 0;
@@ -156,10 +157,17 @@ template <typename Weight, int kPanels, size_t... kRows>
 constexpr std::array<Tile, sizeof...(kRows)> TilesOf(std::index_sequence<kRows...>) {
   return {ApplyTile<Weight, kRows + 1, std::min(kPanels, PanelsFor(kRows + 1))>...};
 }
+template <typename Weight, int kPanels>
+constexpr auto kTiles = TilesOf<Weight, kPanels>(std::make_index_sequence<kMaxRows>{});
+
+// Returns the tile of at most PanelsFor(rows) panels.
 template <typename Weight>
-constexpr auto kWideTiles = TilesOf<Weight, kMaxPanels>(std::make_index_sequence<kMaxRows>{});
-template <typename Weight>
-constexpr auto kNarrowTiles = TilesOf<Weight, 1>(std::make_index_sequence<kMaxRows>{});
+Tile TileOf(int rows, int panels) {
+  const size_t last = static_cast<size_t>(rows - 1);
+  return panels == 1   ? kTiles<Weight, 1>[last]
+         : panels == 2 ? kTiles<Weight, 2>[last]
+                       : kTiles<Weight, kMaxPanels>[last];
+}
 
 void Apply(const DensePanels& weights, const float* x, int rows, Activation activation,
            DenseScratch* scratch, float* y) {
@@ -184,8 +192,9 @@ void Apply(const DensePanels& weights, const float* x, int rows, Activation acti
   float tile[kMaxRows * kMaxPanels * kPanel];
   // Panels outside, rows inside: a panel stays in cache for all rows.
   for (int panel = 0, width = 0; panel < panels; panel += width) {
-    // All rows take the width of the tallest block.
-    width = PanelsFor(tallest) <= panels - panel ? PanelsFor(tallest) : 1;
+    // All rows take the width of the tallest block. Of fewer panels that are left, 2 or 1.
+    width = PanelsFor(tallest);
+    while (width > panels - panel) width /= 2;
     const int begin = panel * kPanel;
     const size_t place_of_panel = static_cast<size_t>(panel) * inputs * kPanel;
     const int count = std::min(width * kPanel, weights.outputs - begin);
@@ -202,10 +211,7 @@ void Apply(const DensePanels& weights, const float* x, int rows, Activation acti
           scratch->counts[place],
           inputs,
           activation};
-      const bool wide = width == PanelsFor(height);
-      const size_t last = static_cast<size_t>(height - 1);
-      const Tile apply = bf16 ? (wide ? kWideTiles<uint16_t> : kNarrowTiles<uint16_t>)[last]
-                              : (wide ? kWideTiles<float> : kNarrowTiles<float>)[last];
+      const Tile apply = bf16 ? TileOf<uint16_t>(height, width) : TileOf<float>(height, width);
       const size_t outputs = static_cast<size_t>(weights.outputs);
       float* const to = y + static_cast<size_t>(row) * outputs + begin;
       if (count == width * kPanel) {

@@ -2,15 +2,12 @@
 
 #include <hwy/targets.h>
 
-#include <atomic>
 #include <cstdint>
 
 namespace maneuver::kernels {
 namespace {
 
 constexpr char kPlainName[] = "plain";
-
-std::atomic<bool> plain_kernels = false;
 
 // Returns the targets that this processor has, one bit each, the best one first.
 const std::vector<int64_t>& Targets() {
@@ -26,9 +23,7 @@ void RestrictTargets(int64_t targets) {
 
 }  // namespace
 
-void ChooseKernels(KernelChoice choice) { plain_kernels = choice == KernelChoice::kPlain; }
-
-bool UsesPlainKernels() { return plain_kernels.load(std::memory_order_relaxed); }
+void ChooseKernels(KernelChoice choice) { plain_kernels_chosen = choice == KernelChoice::kPlain; }
 
 std::string KernelTarget() {
   if (UsesPlainKernels()) return kPlainName;

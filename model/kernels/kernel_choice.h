@@ -7,6 +7,7 @@
 #ifndef MANEUVER_MODEL_KERNELS_KERNEL_CHOICE_H_
 #define MANEUVER_MODEL_KERNELS_KERNEL_CHOICE_H_
 
+#include <atomic>
 #include <string>
 #include <vector>
 
@@ -21,7 +22,9 @@ enum class KernelChoice {
 // the current choice, and layers that are already packed keep theirs.
 void ChooseKernels(KernelChoice choice);
 
-bool UsesPlainKernels();
+// What ChooseKernels chose. In the header, since small kernels ask for it in each call.
+inline std::atomic<bool> plain_kernels_chosen = false;
+inline bool UsesPlainKernels() { return plain_kernels_chosen.load(std::memory_order_relaxed); }
 
 // Returns "plain" or the name of the target in use, such as "AVX2".
 std::string KernelTarget();

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "model/kernels/kernel_choice.h"
 
@@ -22,6 +23,13 @@ using Doubles = hn::CappedTag<double, kPointLanes>;
 using One = hn::CappedTag<double, 1>;
 using Vector = hn::Vec<Doubles>;
 constexpr size_t kLanes = hn::MaxLanes(Doubles());
+
+// What is done to long lines takes more, where there are more.
+using Many = hn::CappedTag<double, 2 * kPointLanes>;
+constexpr size_t kManyLanes = hn::MaxLanes(Many());
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr PointBox kNoPoints = {kInfinity, kInfinity, -kInfinity, -kInfinity};
 
 // Calls call(d, i) for vectors of points, then for single ones.
 template <class Call>
@@ -70,7 +78,9 @@ void FastMove(const PointMotion& motion, const double* points, size_t count, dou
   });
 }
 
-void FastSides(const double* u, const double* v, size_t count, int height, int width, double reach,
+// Sets for each point the sides of a picture that it lies beyond, one bit each: left 1, right 2,
+// above 4, below 8.
+void FastSides(const double* u, const double* v, size_t count, const PictureArea& picture,
                int64_t* sides) {
   const Doubles d;
   const hn::RebindToSigned<Doubles> words;
@@ -80,10 +90,10 @@ void FastSides(const double* u, const double* v, size_t count, int height, int w
   for (size_t i = 0; i < count; i += kLanes) {
     const Vector at_u = hn::LoadU(d, u + i);
     const Vector at_v = hn::LoadU(d, v + i);
-    const auto across = hn::Or(bit(hn::Lt(at_u, hn::Set(d, -reach)), 1),
-                               bit(hn::Gt(at_u, hn::Set(d, width + reach)), 2));
-    const auto along = hn::Or(bit(hn::Lt(at_v, hn::Set(d, -reach)), 4),
-                              bit(hn::Gt(at_v, hn::Set(d, height + reach)), 8));
+    const auto across = hn::Or(bit(hn::Lt(at_u, hn::Set(d, -picture.reach)), 1),
+                               bit(hn::Gt(at_u, hn::Set(d, picture.width + picture.reach)), 2));
+    const auto along = hn::Or(bit(hn::Lt(at_v, hn::Set(d, -picture.reach)), 4),
+                              bit(hn::Gt(at_v, hn::Set(d, picture.height + picture.reach)), 8));
     hn::StoreU(hn::Or(across, along), words, sides + i);
   }
 }
@@ -102,6 +112,29 @@ HWY_INLINE size_t SearchChordEnd(size_t start, size_t last, const Passes& passes
     if (passes(start, end + step)) end += step;
   }
   return end;
+}
+
+// Finds the chords of a line, given passes(start, end) and the sides that each point lies beyond.
+template <class Passes>
+HWY_INLINE size_t SearchChords(const int64_t* sides, size_t count, const Passes& passes,
+                               Chord* chords) {
+  size_t found = 0;
+  const auto is_unseen = [sides](size_t end) { return (sides[end - 1] & sides[end]) != 0; };
+  for (size_t end = 1; end < count;) {
+    if (is_unseen(end)) {
+      ++end;
+      continue;
+    }
+    // From where the line may be seen to where it no longer can.
+    size_t start = end - 1;
+    while (end < count && !is_unseen(end)) ++end;
+    while (start + 1 < end) {
+      const size_t next = SearchChordEnd(start, end - 1, passes);
+      chords[found++] = {static_cast<uint32_t>(start), static_cast<uint32_t>(next)};
+      start = next;
+    }
+  }
+  return found;
 }
 
 // Returns whether the chord passes all points between its ends.
@@ -132,37 +165,61 @@ bool ChordPasses(const double* u, const double* v, size_t start, size_t end, dou
   return true;
 }
 
-size_t FastChordEnd(const double* u, const double* v, size_t start, size_t last, double tolerance) {
-  return SearchChordEnd(start, last, [=](size_t from, size_t to) HWY_ATTR {
-    return ChordPasses(u, v, from, to, tolerance);
-  });
+size_t FastChords(const double* u, const double* v, size_t count, const PictureArea& picture,
+                  double tolerance, int64_t* sides, Chord* chords) {
+  FastSides(u, v, count, picture, sides);
+  const auto passes = [=](size_t from, size_t to)
+                          HWY_ATTR { return ChordPasses(u, v, from, to, tolerance); };
+  return SearchChords(sides, count, passes, chords);
 }
 
-// Of at least as many points as D has lanes.
+// Finds the box of at least as many points as D has lanes. Returns whether all are finite.
 template <class D>
-HWY_INLINE PointBox BoxOf(D d, const double* x, const double* y, size_t count) {
+HWY_INLINE bool BoxOf(D d, const PointLine& line, PointBox* box) {
   constexpr size_t kTogether = hn::MaxLanes(D());
+  const auto load = [d](const double* values, size_t i)
+                        HWY_ATTR { return hn::LoadU(d, values + i); };
   // A point that is taken twice changes nothing.
-  hn::Vec<D> low_x = hn::LoadU(d, x + count - kTogether);
-  hn::Vec<D> low_y = hn::LoadU(d, y + count - kTogether);
+  const size_t last = line.count - kTogether;
+  hn::Vec<D> low_x = load(line.x, last);
+  hn::Vec<D> low_y = load(line.y, last);
   hn::Vec<D> high_x = low_x;
   hn::Vec<D> high_y = low_y;
-  for (size_t i = 0; i + kTogether <= count; i += kTogether) {
-    const auto at_x = hn::LoadU(d, x + i);
-    const auto at_y = hn::LoadU(d, y + i);
-    low_x = hn::Min(low_x, at_x);
-    low_y = hn::Min(low_y, at_y);
-    high_x = hn::Max(high_x, at_x);
-    high_y = hn::Max(high_y, at_y);
+  // The sum of a point's coordinates is NaN if either is.
+  hn::Vec<D> sum = hn::Add(low_x, low_y);
+  auto numbers = hn::Eq(sum, sum);
+  for (size_t i = 0; i < last; i += kTogether) {
+    const auto x = load(line.x, i);
+    const auto y = load(line.y, i);
+    low_x = hn::Min(low_x, x);
+    low_y = hn::Min(low_y, y);
+    high_x = hn::Max(high_x, x);
+    high_y = hn::Max(high_y, y);
+    sum = hn::Add(x, y);
+    numbers = hn::And(numbers, hn::Eq(sum, sum));
   }
-  return {.low_x = hn::GetLane(hn::MinOfLanes(d, low_x)),
+  *box = {.low_x = hn::GetLane(hn::MinOfLanes(d, low_x)),
           .low_y = hn::GetLane(hn::MinOfLanes(d, low_y)),
           .high_x = hn::GetLane(hn::MaxOfLanes(d, high_x)),
           .high_y = hn::GetLane(hn::MaxOfLanes(d, high_y))};
+  return hn::AllTrue(d, numbers) && box->low_x > -kInfinity && box->low_y > -kInfinity &&
+         box->high_x < kInfinity && box->high_y < kInfinity;
 }
 
-PointBox FastBox(const double* x, const double* y, size_t count) {
-  return count >= kLanes ? BoxOf(Doubles(), x, y, count) : BoxOf(One(), x, y, count);
+bool FastBoxes(const PointLine* lines, size_t count, PointBox* boxes) {
+  bool finite = true;
+  for (size_t i = 0; i < count; ++i) {
+    if (lines[i].count >= kManyLanes) {
+      finite &= BoxOf(Many(), lines[i], &boxes[i]);
+    } else if (lines[i].count >= kLanes) {
+      finite &= BoxOf(Doubles(), lines[i], &boxes[i]);
+    } else if (lines[i].count > 0) {
+      finite &= BoxOf(One(), lines[i], &boxes[i]);
+    } else {
+      boxes[i] = kNoPoints;
+    }
+  }
+  return finite;
 }
 
 // Of at least as many points as D has lanes.
@@ -223,6 +280,8 @@ HWY_AFTER_NAMESPACE();
 namespace maneuver::kernels {
 namespace {
 
+using HWY_NAMESPACE::kNoPoints;
+
 bool PlainAllWithin(const double* values, size_t count, double limit) {
   return std::all_of(values, values + count,
                      [limit](double value) { return std::abs(value) <= limit; });
@@ -246,11 +305,11 @@ void PlainMove(const PointMotion& motion, const double* points, size_t count, do
   }
 }
 
-void PlainSides(const double* u, const double* v, size_t count, int height, int width, double reach,
+void PlainSides(const double* u, const double* v, size_t count, const PictureArea& picture,
                 int64_t* sides) {
   for (size_t i = 0; i < count; ++i) {
-    sides[i] = (u[i] < -reach ? 1 : 0) | (u[i] > width + reach ? 2 : 0) | (v[i] < -reach ? 4 : 0) |
-               (v[i] > height + reach ? 8 : 0);
+    sides[i] = (u[i] < -picture.reach ? 1 : 0) | (u[i] > picture.width + picture.reach ? 2 : 0) |
+               (v[i] < -picture.reach ? 4 : 0) | (v[i] > picture.height + picture.reach ? 8 : 0);
   }
 }
 
@@ -274,22 +333,27 @@ bool PlainChordPasses(const double* u, const double* v, size_t start, size_t end
   return true;
 }
 
-size_t PlainChordEnd(const double* u, const double* v, size_t start, size_t last,
-                     double tolerance) {
-  return HWY_NAMESPACE::SearchChordEnd(start, last, [=](size_t from, size_t to) {
+size_t PlainChords(const double* u, const double* v, size_t count, const PictureArea& picture,
+                   double tolerance, int64_t* sides, Chord* chords) {
+  PlainSides(u, v, count, picture, sides);
+  const auto passes = [=](size_t from, size_t to) {
     return PlainChordPasses(u, v, from, to, tolerance);
-  });
+  };
+  return HWY_NAMESPACE::SearchChords(sides, count, passes, chords);
 }
 
-PointBox PlainBox(const double* x, const double* y, size_t count) {
-  PointBox box = {.low_x = x[0], .low_y = y[0], .high_x = x[0], .high_y = y[0]};
-  for (size_t i = 1; i < count; ++i) {
-    box.low_x = std::min(box.low_x, x[i]);
-    box.low_y = std::min(box.low_y, y[i]);
-    box.high_x = std::max(box.high_x, x[i]);
-    box.high_y = std::max(box.high_y, y[i]);
+bool PlainBoxes(const PointLine* lines, size_t count, PointBox* boxes) {
+  bool finite = true;
+  for (size_t i = 0; i < count; ++i) {
+    boxes[i] = kNoPoints;
+    for (size_t point = 0; point < lines[i].count; ++point) {
+      const double x = lines[i].x[point];
+      const double y = lines[i].y[point];
+      boxes[i] = boxes[i].With({x, y, x, y});
+      finite &= std::isfinite(x) && std::isfinite(y);
+    }
   }
-  return box;
+  return finite;
 }
 
 PointSpread PlainSpread(const double* x, const double* y, int first, int last) {
@@ -327,9 +391,8 @@ void PlainSpreads(const double* x, const double* y, int count, int intervals,
 HWY_EXPORT(FastAllWithin);
 HWY_EXPORT(FastProject);
 HWY_EXPORT(FastMove);
-HWY_EXPORT(FastSides);
-HWY_EXPORT(FastChordEnd);
-HWY_EXPORT(FastBox);
+HWY_EXPORT(FastChords);
+HWY_EXPORT(FastBoxes);
 HWY_EXPORT(FastSpreads);
 
 }  // namespace
@@ -351,20 +414,15 @@ void MovePoints(const PointMotion& motion, const double* points, size_t count, d
   move(motion, points, count, x, y);
 }
 
-void FindSides(const double* u, const double* v, size_t count, int height, int width, double reach,
-               int64_t* sides) {
-  const auto find = UsesPlainKernels() ? PlainSides : HWY_DYNAMIC_DISPATCH(FastSides);
-  find(u, v, count, height, width, reach, sides);
+size_t FindChords(const double* u, const double* v, size_t count, const PictureArea& picture,
+                  double tolerance, int64_t* sides, Chord* chords) {
+  const auto find = UsesPlainKernels() ? PlainChords : HWY_DYNAMIC_DISPATCH(FastChords);
+  return find(u, v, count, picture, tolerance, sides, chords);
 }
 
-size_t FindChordEnd(const double* u, const double* v, size_t start, size_t last, double tolerance) {
-  const auto find = UsesPlainKernels() ? PlainChordEnd : HWY_DYNAMIC_DISPATCH(FastChordEnd);
-  return find(u, v, start, last, tolerance);
-}
-
-PointBox FindBox(const double* x, const double* y, size_t count) {
-  const auto find = UsesPlainKernels() ? PlainBox : HWY_DYNAMIC_DISPATCH(FastBox);
-  return find(x, y, count);
+bool FindBoxes(std::span<const PointLine> lines, PointBox* boxes) {
+  const auto find = UsesPlainKernels() ? PlainBoxes : HWY_DYNAMIC_DISPATCH(FastBoxes);
+  return find(lines.data(), lines.size(), boxes);
 }
 
 void FindSpreads(const double* x, const double* y, int count, int intervals, PointSpread* spreads) {

@@ -1,9 +1,10 @@
-// Arithmetic on many points: projection, frames, ranges, chords. No product is fused with a sum, so
+// Arithmetic on many points: projection, frames, boxes, chords. No product is fused with a sum, so
 // each result has the same bits on every instruction set.
 
 #ifndef MANEUVER_MODEL_KERNELS_POINTS_H_
 #define MANEUVER_MODEL_KERNELS_POINTS_H_
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -41,26 +42,53 @@ struct PointMotion {
 void MovePoints(const PointMotion& motion, const double* points, size_t count, double* x,
                 double* y);
 
-// Sets for each point the sides of a picture that it lies beyond, one bit each: left 1, right 2,
-// above 4, below 8.
-//   reach: how far outside a point still counts as inside, pixels
-//   u, v, sides: [count] and room for kPointLanes numbers more, which may be read and written
-void FindSides(const double* u, const double* v, size_t count, int height, int width, double reach,
-               int64_t* sides);
+// The part of the plane that a picture shows.
+struct PictureArea {
+  int height, width;  // pixels
+  double reach;       // how far outside a point still counts as inside, pixels
+};
 
-// Returns the end of a chord that starts at point `start` and passes all points before its end:
-// they lie within `tolerance` of the chord, and none of them beyond its ends. The chord is long,
-// but not always the longest. The result is at least start + 1 and at most `last`.
-//   u, v: room for kPointLanes numbers behind point `last`, which may be read
-size_t FindChordEnd(const double* u, const double* v, size_t start, size_t last, double tolerance);
+// Points first and last of a line, joined by a straight one.
+struct Chord {
+  uint32_t first, last;
+};
+
+// Finds the chords of a line that may show in a picture, in their order. A chord passes all points
+// between its ends: they lie within `tolerance` of it, and none of them beyond its ends. Chords are
+// long, but not always the longest. Two neighbouring points beyond the same side of the picture are
+// on no chord together. Returns how many there are.
+//   u, v, sides: [count] and room for kPointLanes numbers more, which may be read and written
+//   sides: scratch
+//   chords: room for count
+size_t FindChords(const double* u, const double* v, size_t count, const PictureArea& picture,
+                  double tolerance, int64_t* sides, Chord* chords);
 
 // The smallest upright rectangle around points.
 struct PointBox {
   double low_x, low_y, high_x, high_y;
+
+  bool Overlaps(const PointBox& other) const {
+    return low_x <= other.high_x && other.low_x <= high_x && low_y <= other.high_y &&
+           other.low_y <= high_y;
+  }
+  // Returns the box around both.
+  PointBox With(const PointBox& other) const {
+    return {std::min(low_x, other.low_x), std::min(low_y, other.low_y),
+            std::max(high_x, other.high_x), std::max(high_y, other.high_y)};
+  }
 };
 
-// Finds the box of `count` points, at least one.
-PointBox FindBox(const double* x, const double* y, size_t count);
+// `count` points of a line or an outline.
+struct PointLine {
+  const double* x;
+  const double* y;
+  size_t count;
+};
+
+// Finds the box of each line. That of no points has infinite bounds, the low ones above the high
+// ones. Returns whether all coordinates are finite; if not, the boxes have no meaning.
+//   boxes: [lines]
+bool FindBoxes(std::span<const PointLine> lines, PointBox* boxes);
 
 // The extent of the points of a piece of a line.
 struct PointSpread {

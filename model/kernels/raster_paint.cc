@@ -55,12 +55,21 @@ using Floats = hn::CappedTag<float, kPaintLanes>;
 using Vector = hn::Vec<Floats>;
 constexpr int kLanes = hn::MaxLanes(Floats());
 
+using Words = hn::RebindToUnsigned<Floats>;
+constexpr uint32_t kWholeBits = (uint32_t{1} << 23) - 1;
+
+// Returns numbers whose kWholeBits are the whole part of value, 0 <= value < 2^23. ConvertTo takes
+// six instructions instead of two: it also converts what is too large.
+HWY_INLINE hn::Vec<Words> WholePart(Vector value) {
+  // The lowest bit of a float of this size counts 1.
+  return hn::BitCast(Words(), hn::Add(hn::Trunc(value), hn::Set(Floats(), 0x1p23F)));
+}
+
 // value: 0 .. 255.
 HWY_INLINE void PaintOver(Vector value, uint8_t* pixels) {
   const hn::CappedTag<uint8_t, kLanes> bytes;
-  const hn::RebindToSigned<Floats> words;
-  const auto rounded = hn::ConvertTo(words, hn::Add(value, hn::Set(Floats(), 0.5F)));
-  const auto painted = hn::U8FromU32(hn::BitCast(hn::RebindToUnsigned<Floats>(), rounded));
+  // Takes the lowest byte of each word.
+  const auto painted = hn::U8FromU32(WholePart(hn::Add(value, hn::Set(Floats(), 0.5F))));
   hn::StoreU(hn::Max(painted, hn::LoadU(bytes, pixels)), bytes, pixels);
 }
 
@@ -92,9 +101,8 @@ void FastBox(const BoxShape& box, int first_column, int last_column, const Paint
   }
 }
 
-void FastSegment(const SegmentShape& segment, int width, const PaintRows& rows) {
+HWY_INLINE void FastSegment(const SegmentShape& segment, int width, const PaintRows& rows) {
   const Floats d;
-  const hn::RebindToSigned<Floats> words;
   const SegmentFigures figures(segment);
   const auto right_end = static_cast<float>(width);
   const Vector reach = hn::Set(d, kReach);
@@ -120,16 +128,16 @@ void FastSegment(const SegmentShape& segment, int width, const PaintRows& rows) 
     const Vector u1 = hn::Add(begin_u, hn::Mul(Within(hn::Max(ta, tb), 0.0F, 1.0F), along_u));
     const Vector left = Within(hn::Sub(hn::Min(u0, u1), reach), 0.0F, right_end);
     const Vector right = hn::Min(hn::Add(hn::Max(u0, u1), reach), hn::Set(d, right_end));
-    HWY_ALIGN int32_t columns[kLanes];
+    HWY_ALIGN uint32_t columns[kLanes];
     HWY_ALIGN float ends[kLanes];
     HWY_ALIGN float centre_of[kLanes];
-    hn::Store(hn::ConvertTo(words, left), words, columns);
+    hn::Store(hn::And(WholePart(left), hn::Set(Words(), kWholeBits)), Words(), columns);
     hn::Store(right, d, ends);
     hn::Store(centres, d, centre_of);
     for (int i = 0; i < count; ++i, pixels += rows.stride) {
       const Vector centre = hn::Set(d, centre_of[i]);
       const Vector across = hn::Mul(centre, direction_v);
-      int column = columns[i];
+      auto column = static_cast<int>(columns[i]);
       do {  // mostly once
         const Vector du = hn::Add(lane, hn::Set(d, static_cast<float>(column) + 0.5F - segment.u));
         const Vector along = hn::Max(zero, hn::Min(hn::Add(hn::Mul(du, direction_u), across), end));
@@ -141,6 +149,10 @@ void FastSegment(const SegmentShape& segment, int width, const PaintRows& rows) 
       } while (static_cast<float>(column) < ends[i]);
     }
   }
+}
+
+void FastSegments(const PlacedSegment* segments, size_t count, int width) {
+  for (size_t i = 0; i < count; ++i) FastSegment(segments[i].shape, width, segments[i].rows);
 }
 
 }  // namespace
@@ -208,8 +220,12 @@ void PlainSegment(const SegmentShape& segment, int width, const PaintRows& rows)
   }
 }
 
+void PlainSegments(const PlacedSegment* segments, size_t count, int width) {
+  for (size_t i = 0; i < count; ++i) PlainSegment(segments[i].shape, width, segments[i].rows);
+}
+
 HWY_EXPORT(FastBox);
-HWY_EXPORT(FastSegment);
+HWY_EXPORT(FastSegments);
 
 }  // namespace
 
@@ -218,9 +234,9 @@ void PaintBox(const BoxShape& box, int first_column, int last_column, const Pain
   paint(box, first_column, last_column, rows);
 }
 
-void PaintSegment(const SegmentShape& segment, int width, const PaintRows& rows) {
-  const auto paint = UsesPlainKernels() ? PlainSegment : HWY_DYNAMIC_DISPATCH(FastSegment);
-  paint(segment, width, rows);
+void PaintSegments(std::span<const PlacedSegment> segments, int width) {
+  const auto paint = UsesPlainKernels() ? PlainSegments : HWY_DYNAMIC_DISPATCH(FastSegments);
+  paint(segments.data(), segments.size(), width);
 }
 
 }  // namespace maneuver::kernels

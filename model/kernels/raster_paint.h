@@ -8,6 +8,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <span>
 
 namespace maneuver::kernels {
 
@@ -39,9 +40,13 @@ struct SegmentShape {
   float along_u, along_v;  // from there to its end
   float intensity;         // 0 .. 255
 };
-// Paints the part of a segment in columns 0 .. width-1, and up to kPaintLanes - 1 columns after
+struct PlacedSegment {
+  SegmentShape shape;
+  PaintRows rows;
+};
+// Paints the parts of segments in columns 0 .. width-1, and up to kPaintLanes - 1 columns after
 // them.
-void PaintSegment(const SegmentShape& segment, int width, const PaintRows& rows);
+void PaintSegments(std::span<const PlacedSegment> segments, int width);
 
 }  // namespace maneuver::kernels
 

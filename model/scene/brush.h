@@ -12,6 +12,8 @@
 #include <span>
 #include <vector>
 
+#include "model/kernels/points.h"
+#include "model/kernels/raster_paint.h"
 #include "model/scene/pixel_line.h"
 #include "model/scene/raster.h"
 
@@ -49,7 +51,10 @@ class Brush {
   void AddEdge(PixelPoint a, PixelPoint b, int rows, int columns);
   void AddEdgeInside(float u0, float v0, float u1, float v1, int stride);
 
-  std::vector<int64_t> sides_;  // of the picture's sides each point lies beyond
+  // Of the line at hand.
+  std::vector<int64_t> sides_;
+  std::vector<kernels::Chord> chords_;
+  std::vector<kernels::PlacedSegment> segments_;
   // Signed area that each pixel gains over its left neighbour; all zero between calls.
   std::vector<float> area_gain_;
 };

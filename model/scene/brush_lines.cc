@@ -1,9 +1,9 @@
 #include <algorithm>
+#include <vector>
 
 #include "model/kernels/points.h"
 #include "model/kernels/raster_paint.h"
 #include "model/scene/brush.h"
-#include "model/scene/chord.h"
 #include "model/scene/clipping.h"
 
 namespace maneuver::scene {
@@ -11,8 +11,12 @@ namespace {
 
 // Lines reach this far from their middle, pixels.
 constexpr double kLineReach = 1.0;
+// How far points may lie from the chord that leaves them out, pixels.
+constexpr double kChordTolerance = 0.03;
 
-void DrawSegment(Raster* raster, int channel, PixelPoint a, PixelPoint b, float intensity) {
+// Appends the segment from a to b, if it may be seen, and marks the blocks that it paints.
+void PlaceSegment(Raster* raster, int channel, PixelPoint a, PixelPoint b, float intensity,
+                  std::vector<kernels::PlacedSegment>* segments) {
   const int picture_width = raster->width();
   const int picture_height = raster->height();
   // What is cut off lies too far outside to be seen, and floats suffice for the rest.
@@ -49,36 +53,32 @@ void DrawSegment(Raster* raster, int channel, PixelPoint a, PixelPoint b, float 
       static_cast<int>(std::clamp(std::max(segment.u, end_u) + kReach, 0.0F, width));
   const PixelBlocks blocks = raster->BlocksOf(leftmost, rightmost + kernels::kPaintLanes - 1);
   for (int row = top; row < end_row; ++row) raster->MarkNonzero(channel, row, blocks);
-  kernels::PaintSegment(segment, picture_width,
-                        {.first_row = top,
-                         .last_row = end_row,
-                         .pixels = raster->Row(channel, top),
-                         .stride = raster->stride()});
+  segments->push_back({segment,
+                       {.first_row = top,
+                        .last_row = end_row,
+                        .pixels = raster->Row(channel, top),
+                        .stride = raster->stride()}});
 }
 
 }  // namespace
 
 void Brush::DrawPolyline(Raster* raster, int channel, const PixelLine& points, uint8_t intensity) {
   if (points.size() < 2) return;
-  sides_.resize(std::max(sides_.size(), points.size() + kernels::kPointLanes));
-  // A line between two points beyond the same side is not seen.
-  kernels::FindSides(points.u(), points.v(), points.size(), raster->height(), raster->width(),
-                     kLineReach, sides_.data());
-  // A stretch of the line is drawn from where it may be seen to where it no longer can.
-  const auto is_unseen = [this](size_t end) { return (sides_[end - 1] & sides_[end]) != 0; };
-  for (size_t end = 1; end < points.size();) {
-    if (is_unseen(end)) {
-      ++end;
-      continue;
-    }
-    size_t start = end - 1;
-    while (end < points.size() && !is_unseen(end)) ++end;
-    while (start + 1 < end) {
-      const size_t next = ChordEnd(points, start, end - 1);
-      DrawSegment(raster, channel, points[start], points[next], intensity);
-      start = next;
-    }
+  const size_t room = points.size() + kernels::kPointLanes;
+  if (sides_.size() < room) {
+    sides_.resize(room);
+    chords_.resize(room);
   }
+  const size_t chords = kernels::FindChords(
+      points.u(), points.v(), points.size(),
+      {.height = raster->height(), .width = raster->width(), .reach = kLineReach}, kChordTolerance,
+      sides_.data(), chords_.data());
+  segments_.clear();
+  for (size_t i = 0; i < chords; ++i) {
+    PlaceSegment(raster, channel, points[chords_[i].first], points[chords_[i].last], intensity,
+                 &segments_);
+  }
+  kernels::PaintSegments(segments_, raster->width());
 }
 
 }  // namespace maneuver::scene

@@ -11,8 +11,6 @@ namespace {
 
 constexpr double kLeastCosine = 0.8;  // between the headings of a lane and its successor
 
-int PointsOf(const v1::MapFeature& feature) { return std::min(feature.x_size(), feature.y_size()); }
-
 bool IsLane(const v1::MapFeature& feature) {
   return feature.type() == v1::MAP_FEATURE_TYPE_LANE_CENTERLINE;
 }
@@ -31,8 +29,12 @@ size_t TreeBoxes(size_t lanes, size_t fan_out, size_t most) {
   return boxes;
 }
 
-// Returns whether a feature has two points that are not the same.
-bool IsLine(const v1::MapFeature& feature) {
+// Returns whether a feature has two points that are not the same. `box`: around its points.
+bool IsLine(const v1::MapFeature& feature, const Box& box) {
+  // If the box is this wide, one of its ends is far enough from the first point, whatever the
+  // rounding.
+  constexpr double kWide = 4.0 * LaneGraph::kSamePoint;
+  if (box.high_x - box.low_x > kWide || box.high_y - box.low_y > kWide) return true;
   for (int i = 1; i < PointsOf(feature); ++i) {
     const double dx = feature.x(i) - feature.x(0);
     const double dy = feature.y(i) - feature.y(0);
@@ -70,17 +72,15 @@ uint32_t Spread(uint32_t bits) {
 
 }  // namespace
 
-// Finds lanes that begin near a point. Keeps their starts sorted by grid cell.
+// Where lanes begin, by grid cell.
 class LaneGraph::LaneStarts {
  public:
   static constexpr size_t kBytes = 24;  // of each lane
 
+  // Sorts the starts of all lanes.
   explicit LaneStarts(const LaneGraph& graph) {
     starts_.reserve(static_cast<size_t>(graph.size()));
-    for (int i = 0; i < graph.size(); ++i) {
-      const v1::MapFeature& feature = graph.FeatureOf(i);
-      starts_.emplace_back(Cell{Index(feature.y(0)), Index(feature.x(0))}, i);
-    }
+    for (int i = 0; i < graph.size(); ++i) starts_.push_back(StartOf(graph, i));
     static_assert(sizeof(starts_[0]) == kBytes);
     std::sort(starts_.begin(), starts_.end());
   }
@@ -89,17 +89,36 @@ class LaneGraph::LaneStarts {
   // nearby. Stops after kMostCandidates calls.
   template <typename Call>
   void ForEachNear(double x, double y, Call call) const {
+    const Cells cells(x, y);
     int candidates = 0;
-    const int64_t last_row = Index(y + LaneGraph::kMostGap);
-    const int64_t last_column = Index(x + LaneGraph::kMostGap);
-    for (int64_t row = Index(y - LaneGraph::kMostGap); row <= last_row; ++row) {
-      const std::pair first(Cell{row, Index(x - LaneGraph::kMostGap)}, 0);
+    for (int64_t row = cells.first_row; row <= cells.last_row; ++row) {
+      const std::pair first(Cell{row, cells.first_column}, 0);
       for (auto at = std::lower_bound(starts_.begin(), starts_.end(), first);
-           at != starts_.end() && at->first <= Cell{row, last_column}; ++at) {
+           at != starts_.end() && at->first <= Cell{row, cells.last_column}; ++at) {
         if (++candidates > LaneGraph::kMostCandidates) return;
         call(at->second);
       }
     }
+  }
+
+  // Does the same for a graph of at most kMostRootBoxes lanes, whose boxes have the order of the
+  // lanes. Looks at all boxes, which takes less time than sorting for the few lanes that are asked
+  // for.
+  template <typename Call>
+  static void ForEachNear(const LaneGraph& graph, double x, double y, Call call) {
+    const Cells cells(x, y);
+    constexpr double kReach = 4.0 * kMostGap;  // beyond the cells
+    const Box around{x - kReach, y - kReach, x + kReach, y + kReach};
+    std::vector<std::pair<Cell, int>> near;
+    for (int i = 0; i < graph.size(); ++i) {
+      if (!graph.boxes_[static_cast<size_t>(i)].Overlaps(around)) continue;
+      const v1::MapFeature& feature = graph.FeatureOf(i);
+      if (!around.Overlaps({feature.x(0), feature.y(0), feature.x(0), feature.y(0)})) continue;
+      if (const auto start = StartOf(graph, i); cells.Hold(start.first)) near.push_back(start);
+    }
+    std::sort(near.begin(), near.end());
+    near.resize(std::min<size_t>(near.size(), LaneGraph::kMostCandidates));
+    for (const auto& [cell, lane] : near) call(lane);
   }
 
  private:
@@ -109,25 +128,48 @@ class LaneGraph::LaneStarts {
   static int64_t Index(double coordinate) {
     return static_cast<int64_t>(std::floor(coordinate / (2.0 * LaneGraph::kMostGap)));
   }
+  static std::pair<Cell, int> StartOf(const LaneGraph& graph, int lane) {
+    const v1::MapFeature& feature = graph.FeatureOf(lane);
+    return {Cell{Index(feature.y(0)), Index(feature.x(0))}, lane};
+  }
+
+  // The cells that hold everything within kMostGap of a point.
+  struct Cells {
+    Cells(double x, double y)
+        : first_row(Index(y - LaneGraph::kMostGap)),
+          last_row(Index(y + LaneGraph::kMostGap)),
+          first_column(Index(x - LaneGraph::kMostGap)),
+          last_column(Index(x + LaneGraph::kMostGap)) {}
+    bool Hold(const Cell& cell) const {
+      return cell.first >= first_row && cell.first <= last_row && cell.second >= first_column &&
+             cell.second <= last_column;
+    }
+    int64_t first_row, last_row;
+    int64_t first_column, last_column;
+  };
 
   std::vector<std::pair<Cell, int>> starts_;
 };
 
 LaneGraph::LaneGraph(const MapFeatures& features, std::span<const Box> boxes)
     : features_(features) {
-  const Capacity capacity(features);
-  lanes_ = std::make_unique<LazyLane[]>(capacity.lanes);
-  ids_.reserve(capacity.lanes);
-  stop_signs_.reserve(capacity.stop_signs);
-  boxes_.reserve(TreeBoxes(capacity.lanes, kFanOut, kMostRootBoxes));
+  std::vector<int> lines;
+  lines.reserve(static_cast<size_t>(features.size()));
   for (int i = 0; i < features.size(); ++i) {
     const v1::MapFeature& feature = features[i];
-    if (IsLane(feature) && IsLine(feature)) {
-      AddLane(i);
-      boxes_.push_back(boxes[static_cast<size_t>(i)]);
+    if (IsLane(feature) && IsLine(feature, boxes[static_cast<size_t>(i)])) {
+      lines.push_back(i);
     } else if (feature.type() == v1::MAP_FEATURE_TYPE_STOP_SIGN && PointsOf(feature) > 0) {
       stop_signs_.push_back({feature.x(0), feature.y(0)});
     }
+  }
+  stop_signs_.shrink_to_fit();
+  lanes_ = std::make_unique<LazyLane[]>(lines.size());
+  ids_.reserve(lines.size());
+  boxes_.reserve(TreeBoxes(lines.size(), kFanOut, kMostRootBoxes));
+  for (const int line : lines) {
+    AddLane(line);
+    boxes_.push_back(boxes[static_cast<size_t>(line)]);
   }
   points_ = std::make_unique_for_overwrite<LanePoint[]>(most_points_);
   pieces_ = std::make_unique_for_overwrite<LanePiece[]>(most_pieces_);
@@ -253,7 +295,7 @@ int LaneGraph::FindId(int64_t id) const {
 }
 
 const LaneGraph::LaneStarts& LaneGraph::starts() const {
-  std::call_once(starts_once_, [&] { starts_ = std::make_unique<const LaneStarts>(*this); });
+  absl::call_once(starts_once_, [&] { starts_ = std::make_unique<const LaneStarts>(*this); });
   return *starts_;
 }
 
@@ -273,10 +315,16 @@ void LaneGraph::LinkLane(int i) const {
   }
   if (count > 0) return;
   const LanePoint& end = End(lane);
-  starts().ForEachNear(end.x, end.y, [&](int next) {
+  const auto add_if_ahead = [&](int next) {
+    if (Gap(lane, next) > kMostGap) return;  // before the lane is read
     const LanePoint& start = Start(this->lane(next));
     if (start.cosine * end.cosine + start.sine * end.sine > kLeastCosine) add(next, kMostGap);
-  });
+  };
+  if (static_cast<size_t>(size_) <= kMostRootBoxes) {
+    LaneStarts::ForEachNear(*this, end.x, end.y, add_if_ahead);
+  } else {
+    starts().ForEachNear(end.x, end.y, add_if_ahead);
+  }
   // The order of the grid's cells depends on where the map lies; the order of lanes must not.
   std::sort(successors, successors + count);
 }

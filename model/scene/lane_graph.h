@@ -23,11 +23,11 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
-#include <mutex>
 #include <span>
 #include <utility>
 #include <vector>
 
+#include "absl/base/call_once.h"
 #include "model/scene/map_features.h"
 #include "model/scene/pose2.h"
 
@@ -85,7 +85,7 @@ class LaneGraph {
   int size() const { return size_; }
   const Lane& lane(int i) const {
     LazyLane& lane = lanes_[static_cast<size_t>(i)];
-    std::call_once(lane.read, [&] { ReadLane(i); });
+    absl::call_once(lane.read, [&] { ReadLane(i); });
     return lane.lane;
   }
   // Return points and pieces by their index in the graph, for those of lanes that lane() returned.
@@ -95,7 +95,7 @@ class LaneGraph {
   // order if none are declared.
   std::span<const int> Successors(int i) const {
     LazyLane& lane = lanes_[static_cast<size_t>(i)];
-    std::call_once(lane.linked, [&] { LinkLane(i); });
+    absl::call_once(lane.linked, [&] { LinkLane(i); });
     return {successors_.get() + static_cast<size_t>(i) * kMostSuccessors,
             static_cast<size_t>(lane.successors)};
   }
@@ -125,7 +125,8 @@ class LaneGraph {
 
  private:
   static constexpr size_t kFanOut = 8;
-  // Looking at so many boxes takes less time than sorting them for a few targets.
+  // Looking at so many boxes takes less time than sorting them, or the lanes' starts, for a few
+  // targets.
   static constexpr size_t kMostRootBoxes = 512;
 
   // Boxes first .. first + count - 1 of boxes_. Box i of a level encloses boxes kFanOut * i to
@@ -136,9 +137,9 @@ class LaneGraph {
   };
 
   struct LazyLane {
-    std::once_flag read;    // `lane`, its points and its pieces
-    std::once_flag linked;  // its successors
-    int feature = 0;        // index of the feature that it comes from
+    absl::once_flag read;    // `lane`, its points and its pieces
+    absl::once_flag linked;  // its successors
+    int feature = 0;         // index of the feature that it comes from
     int successors = 0;
     Lane lane;
   };
@@ -190,7 +191,7 @@ class LaneGraph {
   std::unique_ptr<LanePiece[]> pieces_;
   std::unique_ptr<int[]> successors_;         // [lanes, kMostSuccessors]
   std::vector<std::pair<int64_t, int>> ids_;  // and their lanes, in ascending order
-  mutable std::once_flag starts_once_;
+  mutable absl::once_flag starts_once_;
   mutable std::unique_ptr<const LaneStarts> starts_;  // built when a lane first needs them
   std::vector<Point2> stop_signs_;
   // A packed R-tree. Its lowest level holds the boxes of the lanes, nearby lanes next to each

@@ -6,28 +6,19 @@
 #include <algorithm>
 
 #include "maneuver/v1/scenario.pb.h"
+#include "model/kernels/points.h"
 
 namespace maneuver::scene {
 
 using MapFeatures = google::protobuf::RepeatedPtrField<v1::MapFeature>;
 
 // An upright rectangle in the world, metres.
-struct Box {
-  double low_x;
-  double low_y;
-  double high_x;
-  double high_y;
+using Box = kernels::PointBox;
 
-  bool Overlaps(const Box& other) const {
-    return low_x <= other.high_x && other.low_x <= high_x && low_y <= other.high_y &&
-           other.low_y <= high_y;
-  }
-  // Returns the box around both.
-  Box With(const Box& other) const {
-    return {std::min(low_x, other.low_x), std::min(low_y, other.low_y),
-            std::max(high_x, other.high_x), std::max(high_y, other.high_y)};
-  }
-};
+// Returns the number of points that have both coordinates.
+inline int PointsOf(const v1::MapFeature& feature) {
+  return std::min(feature.x_size(), feature.y_size());
+}
 
 }  // namespace maneuver::scene
 

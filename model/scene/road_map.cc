@@ -1,6 +1,7 @@
 #include "model/scene/road_map.h"
 
 #include <algorithm>
+#include <cassert>
 #include <limits>
 #include <mutex>
 #include <optional>
@@ -14,15 +15,6 @@ namespace maneuver::scene {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
-int PointsOf(const v1::MapFeature& feature) { return std::min(feature.x_size(), feature.y_size()); }
-
-Box BoxOf(const v1::MapFeature& feature) {
-  if (PointsOf(feature) == 0) return {kInfinity, kInfinity, -kInfinity, -kInfinity};
-  const kernels::PointBox box = kernels::FindBox(feature.x().data(), feature.y().data(),
-                                                 static_cast<size_t>(PointsOf(feature)));
-  return {box.low_x, box.low_y, box.high_x, box.high_y};
-}
 
 size_t MostStretches(const v1::MapFeature& feature) {
   return static_cast<size_t>(feature.x_size() / (Stretches::kStretchPoints - 1) + 1);
@@ -39,7 +31,24 @@ Stretch StretchOf(const kernels::PointSpread& spread, int intervals) {
   return stretch;
 }
 
+std::vector<Box> BoxesOf(const MapFeatures& features) {
+  std::vector<Box> boxes;
+  FindBoxes(features, &boxes);
+  return boxes;
+}
+
 }  // namespace
+
+bool FindBoxes(const MapFeatures& features, std::vector<Box>* boxes) {
+  std::vector<kernels::PointLine> lines;
+  lines.reserve(static_cast<size_t>(features.size()));
+  for (const v1::MapFeature& feature : features) {
+    lines.push_back(
+        {feature.x().data(), feature.y().data(), static_cast<size_t>(PointsOf(feature))});
+  }
+  boxes->resize(lines.size());
+  return kernels::FindBoxes(lines, boxes->data());
+}
 
 Stretches::Stretches(const MapFeatures& features) {
   constexpr int kIntervals = kStretchPoints - 1;
@@ -74,23 +83,30 @@ struct RoadMap::Lazy {
   std::optional<Stretches> stretches;
   std::once_flag lanes_once;
   std::optional<LaneGraph> lanes;
+  std::once_flag bytes_once;
+  int64_t bytes;
 };
 
 RoadMap::RoadMap(MapFeatures features)
-    : RoadMap(std::make_unique<const MapFeatures>(std::move(features)), nullptr) {}
+    : RoadMap(std::make_unique<const MapFeatures>(std::move(features)), nullptr, {}) {
+  boxes_ = BoxesOf(*features_);
+}
 
-RoadMap RoadMap::Over(const MapFeatures& features) { return RoadMap(nullptr, &features); }
+RoadMap RoadMap::Over(const MapFeatures& features) {
+  return RoadMap(nullptr, &features, BoxesOf(features));
+}
 
-RoadMap::RoadMap(std::unique_ptr<const MapFeatures> owned, const MapFeatures* others)
+RoadMap RoadMap::Over(const MapFeatures& features, std::vector<Box> boxes) {
+  assert(boxes.size() == static_cast<size_t>(features.size()));
+  return RoadMap(nullptr, &features, std::move(boxes));
+}
+
+RoadMap::RoadMap(std::unique_ptr<const MapFeatures> owned, const MapFeatures* others,
+                 std::vector<Box> boxes)
     : owned_(std::move(owned)),
       features_(owned_ != nullptr ? owned_.get() : others),
-      lazy_(std::make_unique<Lazy>()) {
-  boxes_.reserve(static_cast<size_t>(features_->size()));
-  for (const v1::MapFeature& feature : *features_) boxes_.push_back(BoxOf(feature));
-  bytes_ = static_cast<int64_t>(sizeof(*this) + sizeof(Lazy) + boxes_.capacity() * sizeof(Box)) +
-           Stretches::MostBytes(*features_) + LaneGraph::MostBytes(*features_);
-  if (owned_ != nullptr) bytes_ += static_cast<int64_t>(owned_->SpaceUsedExcludingSelfLong());
-}
+      boxes_(std::move(boxes)),
+      lazy_(std::make_unique<Lazy>()) {}
 
 RoadMap::~RoadMap() = default;
 RoadMap::RoadMap(RoadMap&&) noexcept = default;
@@ -104,6 +120,18 @@ const Stretches& RoadMap::stretches() const {
 const LaneGraph& RoadMap::lanes() const {
   std::call_once(lazy_->lanes_once, [this] { lazy_->lanes.emplace(*features_, boxes_); });
   return *lazy_->lanes;
+}
+
+int64_t RoadMap::bytes() const {
+  std::call_once(lazy_->bytes_once, [this] {
+    lazy_->bytes =
+        static_cast<int64_t>(sizeof(*this) + sizeof(Lazy) + boxes_.capacity() * sizeof(Box)) +
+        Stretches::MostBytes(*features_) + LaneGraph::MostBytes(*features_);
+    if (owned_ != nullptr) {
+      lazy_->bytes += static_cast<int64_t>(owned_->SpaceUsedExcludingSelfLong());
+    }
+  });
+  return lazy_->bytes;
 }
 
 }  // namespace maneuver::scene

@@ -13,6 +13,10 @@
 
 namespace maneuver::scene {
 
+// Finds the box around the points of each feature. Returns whether all coordinates are finite; if
+// not, the boxes have no meaning.
+bool FindBoxes(const MapFeatures& features, std::vector<Box>* boxes);
+
 // A stretch of a feature: consecutive points, beginning with the last point of the stretch before.
 struct Stretch {
   Box box;
@@ -51,7 +55,9 @@ class RoadMap {
   explicit RoadMap(MapFeatures features);
   // Indexes features that the caller owns, such as a scenario's own map. They must stay unchanged
   // for as long as the RoadMap lives.
+  //   boxes: as ValidateScenario finds them
   static RoadMap Over(const MapFeatures& features);
+  static RoadMap Over(const MapFeatures& features, std::vector<Box> boxes);
   ~RoadMap();
   RoadMap(RoadMap&&) noexcept;
   RoadMap& operator=(RoadMap&&) noexcept;
@@ -64,20 +70,20 @@ class RoadMap {
   const Stretches& stretches() const;
   const LaneGraph& lanes() const;
   // Returns the memory in use, including features that it owns. Counts stretches() and lanes() from
-  // the start, so the number does not change when they are built.
-  int64_t bytes() const { return bytes_; }
+  // the start, so the number does not change when they are built. The first call counts.
+  int64_t bytes() const;
 
  private:
   struct Lazy;
 
-  // One of the two is nullptr.
-  RoadMap(std::unique_ptr<const MapFeatures> owned, const MapFeatures* others);
+  // One of the first two is nullptr.
+  RoadMap(std::unique_ptr<const MapFeatures> owned, const MapFeatures* others,
+          std::vector<Box> boxes);
 
   std::unique_ptr<const MapFeatures> owned_;  // or nullptr
   const MapFeatures* features_;
   std::vector<Box> boxes_;  // [features]
   std::unique_ptr<Lazy> lazy_;
-  int64_t bytes_;
 };
 
 }  // namespace maneuver::scene

@@ -9,7 +9,6 @@
 
 #include "absl/strings/str_cat.h"
 #include "model/files/utf8.h"
-#include "model/kernels/points.h"
 #include "model/scene/target_frame.h"
 
 namespace maneuver::scene {
@@ -105,12 +104,28 @@ std::string BadTime(const Timed& elements, int index, const ScenarioLimits& limi
                 " s before it; times must strictly increase");
 }
 
+bool IsPossible(const v1::AgentState& state, const ScenarioLimits& limits) {
+  return Within(state.time(), limits.max_time) & Within(state.x(), limits.max_coordinate) &
+         Within(state.y(), limits.max_coordinate) & Within(state.heading(), limits.max_heading) &
+         Within(state.velocity_x(), limits.max_speed) &
+         Within(state.velocity_y(), limits.max_speed);
+}
+
+// Returns whether all states are possible, and each later than the one before it.
+bool StatesAreGood(const v1::Agent& agent, const ScenarioLimits& limits) {
+  bool good = true;
+  double before = -HUGE_VAL;
+  for (const v1::AgentState& state : agent.states()) {
+    good = good & IsPossible(state, limits) & (state.time() > before);
+    before = state.time();
+  }
+  return good;
+}
+
+// Adds what is wrong with a state.
 void CheckState(const v1::Agent& agent, int agent_index, int index, const ScenarioLimits& limits,
                 Violations* violations) {
   const v1::AgentState& state = agent.states(index);
-  const bool good =
-      TimeIsGood(agent.states(), index, limits) && IsPhysicallyPossible(state, limits);
-  if (good) return;
   const std::string path = StrCat("agents[", agent_index, "].states[", index, "]");
   if (!TimeIsGood(agent.states(), index, limits)) {
     violations->Add(Member(path, "time"), BadTime(agent.states(), index, limits));
@@ -151,6 +166,7 @@ void CheckAgent(const v1::Agent& agent, int index, const ScenarioLimits& limits,
       return;
     }
   }
+  if (StatesAreGood(agent, limits)) return;
   for (int i = 0; i < agent.states_size() && !violations->full(); ++i) {
     CheckState(agent, index, i, limits, violations);
   }
@@ -172,7 +188,6 @@ void CheckAgentIds(const v1::Scenario& scenario, Violations* violations) {
 void CheckCoordinates(int feature_index, const char* field,
                       const google::protobuf::RepeatedField<double>& values, double limit,
                       Violations* violations) {
-  if (kernels::AllWithin({values.data(), static_cast<size_t>(values.size())}, limit)) return;
   for (int i = 0; i < values.size() && !violations->full(); ++i) {
     if (Within(values[i], limit)) continue;
     violations->Add(StrCat("map_features[", feature_index, "].", field, "[", i, "]"),
@@ -180,62 +195,87 @@ void CheckCoordinates(int feature_index, const char* field,
   }
 }
 
-void CheckLinks(const v1::MapFeature& feature, int index, const ScenarioLimits& limits,
-                Violations* violations) {
-  const auto check = [&](const char* field, int count) {
-    if (count <= limits.max_lane_links) return;
-    CheckCount(Member(Element("map_features", index), field), count, limits.max_lane_links,
-               violations);
-  };
-  check("successor_ids", feature.successor_ids_size());
-  check("left_neighbor_ids", feature.left_neighbor_ids_size());
-  check("right_neighbor_ids", feature.right_neighbor_ids_size());
+bool LinksAreGood(const v1::MapFeature& feature, const ScenarioLimits& limits) {
+  return feature.successor_ids_size() <= limits.max_lane_links &&
+         feature.left_neighbor_ids_size() <= limits.max_lane_links &&
+         feature.right_neighbor_ids_size() <= limits.max_lane_links;
 }
 
-void CheckFeature(const v1::MapFeature& feature, int index, const ScenarioLimits& limits,
+bool TypeIsGood(const v1::MapFeature& feature) {
+  return v1::MapFeatureType_IsValid(feature.type()) &&
+         feature.type() != v1::MAP_FEATURE_TYPE_UNSPECIFIED;
+}
+
+bool SpeedLimitIsGood(const v1::MapFeature& feature, const ScenarioLimits& limits) {
+  return feature.speed_limit() >= 0.0 && feature.speed_limit() <= limits.max_speed;
+}
+
+// Returns whether all of a feature but its coordinates is good.
+bool MembersAreGood(const v1::MapFeature& feature, const ScenarioLimits& limits) {
+  return TypeIsGood(feature) && SpeedLimitIsGood(feature, limits) &&
+         feature.x_size() == feature.y_size() && !feature.x().empty() &&
+         LinksAreGood(feature, limits);
+}
+
+// Finds the boxes of all features. Returns whether all coordinates are within the limit.
+bool CoordinatesAreGood(const MapFeatures& features, const ScenarioLimits& limits,
+                        std::vector<Box>* boxes) {
+  if (!FindBoxes(features, boxes)) return false;
+  return std::ranges::all_of(*boxes, [&limits](const Box& box) {
+    return box.low_x >= -limits.max_coordinate && box.low_y >= -limits.max_coordinate &&
+           box.high_x <= limits.max_coordinate && box.high_y <= limits.max_coordinate;
+  });
+}
+
+// Checks all of a feature but its coordinates.
+void CheckMembers(const v1::MapFeature& feature, int index, const ScenarioLimits& limits,
                   Violations* violations) {
-  const bool known = v1::MapFeatureType_IsValid(feature.type()) &&
-                     feature.type() != v1::MAP_FEATURE_TYPE_UNSPECIFIED;
-  const bool speed_limit_is_good =
-      feature.speed_limit() >= 0.0 && feature.speed_limit() <= limits.max_speed;
-  if (!known || !speed_limit_is_good || feature.x_size() != feature.y_size() ||
-      feature.x().empty()) {
-    const std::string path = Element("map_features", index);
-    if (!known) {
-      violations->Add(Member(path, "type"), feature.type() == v1::MAP_FEATURE_TYPE_UNSPECIFIED
-                                                ? std::string("is not stated")
-                                                : StrCat(static_cast<int>(feature.type()),
-                                                         " is not a known map feature type"));
-    }
-    if (feature.x_size() != feature.y_size()) {
-      violations->Add(Member(path, "y"), StrCat("has ", feature.y_size(), " elements, but x has ",
-                                                feature.x_size(), "; they must be as many"));
-    } else if (feature.x().empty()) {
-      violations->Add(Member(path, "x"), "has no points");
-    }
-    if (!speed_limit_is_good) {
-      violations->Add(Member(path, "speed_limit"),
-                      OutOfRange(feature.speed_limit(), 0.0, limits.max_speed, "m/s"));
-    }
+  if (MembersAreGood(feature, limits)) return;
+  const std::string path = Element("map_features", index);
+  if (!TypeIsGood(feature)) {
+    violations->Add(Member(path, "type"), feature.type() == v1::MAP_FEATURE_TYPE_UNSPECIFIED
+                                              ? std::string("is not stated")
+                                              : StrCat(static_cast<int>(feature.type()),
+                                                       " is not a known map feature type"));
   }
-  CheckLinks(feature, index, limits, violations);
-  CheckCoordinates(index, "x", feature.x(), limits.max_coordinate, violations);
-  CheckCoordinates(index, "y", feature.y(), limits.max_coordinate, violations);
+  if (feature.x_size() != feature.y_size()) {
+    violations->Add(Member(path, "y"), StrCat("has ", feature.y_size(), " elements, but x has ",
+                                              feature.x_size(), "; they must be as many"));
+  } else if (feature.x().empty()) {
+    violations->Add(Member(path, "x"), "has no points");
+  }
+  if (!SpeedLimitIsGood(feature, limits)) {
+    violations->Add(Member(path, "speed_limit"),
+                    OutOfRange(feature.speed_limit(), 0.0, limits.max_speed, "m/s"));
+  }
+  const auto check_links = [&](const char* field, int count) {
+    CheckCount(Member(path, field), count, limits.max_lane_links, violations);
+  };
+  check_links("successor_ids", feature.successor_ids_size());
+  check_links("left_neighbor_ids", feature.left_neighbor_ids_size());
+  check_links("right_neighbor_ids", feature.right_neighbor_ids_size());
 }
 
-void CheckMap(const MapFeatures& features, const ScenarioLimits& limits, Violations* violations) {
+// `boxes`: gets the box of each feature of a map that is accepted.
+void CheckMap(const MapFeatures& features, const ScenarioLimits& limits, Violations* violations,
+              std::vector<Box>* boxes) {
   if (!CheckCount("map_features", features.size(), limits.max_map_features, violations)) return;
   int64_t points = 0;
+  bool good = true;
   for (const v1::MapFeature& feature : features) {
     points += std::max(feature.x_size(), feature.y_size());
+    good = good && MembersAreGood(feature, limits);
   }
   if (points > limits.max_map_points) {
     violations->Add("map_features", StrCat("have ", points, " points in all; at most ",
                                            limits.max_map_points, " are accepted"));
     return;
   }
+  if (good && CoordinatesAreGood(features, limits, boxes)) return;
   for (int i = 0; i < features.size() && !violations->full(); ++i) {
-    CheckFeature(features[i], i, limits, violations);
+    CheckMembers(features[i], i, limits, violations);
+    CheckCoordinates(i, "x", features[i].x(), limits.max_coordinate, violations);
+    CheckCoordinates(i, "y", features[i].y(), limits.max_coordinate, violations);
   }
 }
 
@@ -284,15 +324,14 @@ std::string NearestState(const v1::Agent& agent, double time) {
 }  // namespace
 
 bool IsPhysicallyPossible(const v1::AgentState& state, const ScenarioLimits& limits) {
-  return Within(state.time(), limits.max_time) & Within(state.x(), limits.max_coordinate) &
-         Within(state.y(), limits.max_coordinate) & Within(state.heading(), limits.max_heading) &
-         Within(state.velocity_x(), limits.max_speed) &
-         Within(state.velocity_y(), limits.max_speed);
+  return IsPossible(state, limits);
 }
 
 std::vector<FieldViolation> ValidateScenario(const v1::Scenario& scenario,
-                                             const ScenarioLimits& limits) {
+                                             const ScenarioLimits& limits,
+                                             std::vector<Box>* boxes) {
   Violations violations(limits.max_violations);
+  std::vector<Box> unwanted;
   if (!files::IsUtf8(scenario.scenario_id())) {
     violations.Add("scenario_id", "is not UTF-8");
   } else if (const int characters = Characters(scenario.scenario_id());
@@ -311,7 +350,7 @@ std::vector<FieldViolation> ValidateScenario(const v1::Scenario& scenario,
     }
     CheckAgentIds(scenario, &violations);
   }
-  CheckMap(scenario.map_features(), limits, &violations);
+  CheckMap(scenario.map_features(), limits, &violations, boxes == nullptr ? &unwanted : boxes);
   CheckMapId(scenario, limits, &violations);
   if (CheckCount("traffic_signals", scenario.traffic_signals_size(), limits.max_traffic_signals,
                  &violations)) {
@@ -324,7 +363,8 @@ std::vector<FieldViolation> ValidateScenario(const v1::Scenario& scenario,
 
 std::vector<FieldViolation> ValidateMap(const MapFeatures& features, const ScenarioLimits& limits) {
   Violations violations(limits.max_violations);
-  CheckMap(features, limits, &violations);
+  std::vector<Box> boxes;
+  CheckMap(features, limits, &violations, &boxes);
   return violations.Take();
 }
 

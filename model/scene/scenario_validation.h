@@ -44,8 +44,11 @@ bool IsPhysicallyPossible(const v1::AgentState& state, const ScenarioLimits& lim
 // of agents unique, the scenario's id UTF-8, enum values known, and that x and y have equal length.
 // Also refuses a map_id beside map features. Accepts lines and areas with too few points to be
 // drawn, but no feature without a point.
+//   boxes: if not nullptr, gets the box of each map feature of a scenario that is accepted. Finding
+//     them is most of the check, so RoadMap::Over need not find them again.
 std::vector<FieldViolation> ValidateScenario(const v1::Scenario& scenario,
-                                             const ScenarioLimits& limits);
+                                             const ScenarioLimits& limits,
+                                             std::vector<Box>* boxes = nullptr);
 
 // Returns what is wrong with a map on its own, by the same rules and with the same field paths.
 std::vector<FieldViolation> ValidateMap(const MapFeatures& features, const ScenarioLimits& limits);

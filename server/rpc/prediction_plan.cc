@@ -85,7 +85,8 @@ PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& s
         paths.empty() ? absl::StrCat("scenarios[", s, "]") : paths[static_cast<size_t>(s)];
     PlannedScenario& planned = plan.scenarios.emplace_back();
 
-    auto violations = scene::ValidateScenario(scenario, limits);
+    std::vector<scene::Box> boxes;
+    auto violations = scene::ValidateScenario(scenario, limits, &boxes);
     if (!scenario.map_id().empty() && !serving::IsMapId(scenario.map_id())) {
       violations.push_back({"map_id", "is not what RegisterMap gives: 64 lower-case hex digits"});
     }
@@ -98,7 +99,8 @@ PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& s
     }
     auto& map = plan.maps[static_cast<size_t>(s)];
     if (map == nullptr) {
-      map = std::make_shared<scene::RoadMap>(scene::RoadMap::Over(scenario.map_features()));
+      map = std::make_shared<scene::RoadMap>(
+          scene::RoadMap::Over(scenario.map_features(), std::move(boxes)));
     }
     planned.warnings = scene::FindSceneWarnings(scenario, *map, tolerance);
     if (strict && !planned.warnings.empty()) {

@@ -9,6 +9,7 @@
 #include <sstream>
 #include <string>
 
+#include "tests/bench/answer_digest.h"
 #include "tests/bench/bench_model.h"
 #include "tests/bench/bench_report.h"
 #include "tests/bench/bench_scenes.h"
@@ -125,6 +126,16 @@ TEST(BenchTest, DescribesRepresentativesInsteadOfTheMostProbableActions) {
   ASSERT_TRUE(response.ParseFromString(pipeline.responses().front()));
   EXPECT_EQ(response.predictions(0).targets(0).representatives_size(), 6);
   EXPECT_EQ(response.predictions(0).targets(0).distributions_size(), 6);
+}
+
+TEST(BenchTest, DigestTellsWhetherAnyAnswerChanged) {
+  auto scenes = TownScenes(2, 2);
+  ASSERT_EQ(scenes.size(), 2u);
+  const std::string digest = AnswerDigest(Compact(), scenes);
+  EXPECT_EQ(digest.size(), 64u);
+  EXPECT_EQ(AnswerDigest(Compact(), scenes), digest);
+  scenes[1].mutable_target_ids()->SwapElements(0, 1);
+  EXPECT_NE(AnswerDigest(Compact(), scenes), digest);
 }
 
 TEST(BenchTest, LargerScenesDifferOnlyInAgentsAndMapPoints) {

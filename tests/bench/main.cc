@@ -3,14 +3,18 @@
 #include <benchmark/benchmark.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <filesystem>
 #include <iostream>
+#include <iterator>
+#include <limits>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "git_revision.h"
 #include "model/kernels/kernel_choice.h"
+#include "tests/bench/answer_digest.h"
 #include "tests/bench/bench_model.h"
 #include "tests/bench/bench_report.h"
 #include "tests/bench/bench_scenes.h"
@@ -28,6 +32,7 @@ struct Arguments {
   std::string pictures;
   std::string model = "compact";
   std::string dataset;
+  bool digest = false;
   bool f32 = false;
   std::string kernels = "auto";
   double seconds = 10.0;
@@ -38,10 +43,11 @@ int Fail(const absl::Status& status) {
   return EXIT_FAILURE;
 }
 
-// Returns recorded scenes with kLargestBatch targets each; none if there are no recordings.
-absl::StatusOr<std::vector<v1::Scenario>> RecordedScenes(const Arguments& arguments) {
-  if (arguments.dataset.empty()) return WaymoScenes(kLargestBatch, kScenes);
-  return DatasetScenes(arguments.dataset, kLargestBatch, kScenes);
+// Returns up to `most` recorded scenes with kLargestBatch targets each; none if there are no recordings.
+absl::StatusOr<std::vector<v1::Scenario>> RecordedScenes(const Arguments& arguments,
+                                                         int most = kScenes) {
+  if (arguments.dataset.empty()) return WaymoScenes(kLargestBatch, most);
+  return DatasetScenes(arguments.dataset, kLargestBatch, most);
 }
 
 absl::StatusOr<BenchModel> Model(const std::string& name) {
@@ -67,6 +73,21 @@ int Turns(const Arguments& arguments) {
   if (arguments.f32) *model = WithPrecision(*model, inference::Precision::kF32);
   const absl::Status status = TakeTurns(*model, *scenes, arguments.turns, std::cin, std::cout);
   return status.ok() ? EXIT_SUCCESS : Fail(status);
+}
+
+int Digest(const Arguments& arguments) {
+  auto model = Model(arguments.model);
+  if (!model.ok()) return Fail(model.status());
+  if (arguments.f32) *model = WithPrecision(*model, inference::Precision::kF32);
+  constexpr int kAll = std::numeric_limits<int>::max();
+  auto scenes = RecordedScenes(arguments, kAll);
+  if (!scenes.ok()) return Fail(scenes.status());
+  const size_t recorded = scenes->size();
+  std::ranges::move(TownScenes(kLargestBatch, kScenes), std::back_inserter(*scenes));
+  std::cout << AnswerDigest(*model, *scenes) << "  answers in " << model->model->precision()
+            << " for " << recorded << " recorded and " << scenes->size() - recorded
+            << " synthetic scenes\n";
+  return EXIT_SUCCESS;
 }
 
 int Report(const Arguments& arguments) {
@@ -134,7 +155,11 @@ int Main(int argc, char** argv) {
       "--turns", arguments.turns,
       "File for the inputs of another engine; then evaluates when standard input says so "
       "(tests/bench/peers)");
-  app.add_flag("--f32", arguments.f32, "Takes its turns in f32, also where the processor has bf16");
+  app.add_flag("--digest", arguments.digest,
+               "Prints the SHA-256 of the answers for all recorded scenes and some synthetic ones, "
+               "in place of benchmarks");
+  app.add_flag("--f32", arguments.f32,
+               "Computes turns and digest in f32, also where the processor has bf16");
   app.add_option("--kernels", arguments.kernels,
                  "Vector code; auto: the processor's best; plain: none")
       ->check(CLI::IsMember({"auto", "plain"}))
@@ -144,8 +169,8 @@ int Main(int argc, char** argv) {
   CLI11_PARSE(app, argc, argv);
   kernels::ChooseKernels(arguments.kernels == "plain" ? kernels::KernelChoice::kPlain
                                                       : kernels::KernelChoice::kAuto);
-  const bool benchmarks =
-      arguments.write_model.empty() && arguments.turns.empty() && arguments.report.empty();
+  const bool benchmarks = arguments.write_model.empty() && arguments.turns.empty() &&
+                          arguments.report.empty() && !arguments.digest;
   if (benchmarks) return Benchmarks(argv[0], app.remaining());
   if (const auto others = app.remaining(); !others.empty()) {
     std::cerr << "maneuver-bench: " << others.front() << " is not an option here; see --help\n";
@@ -153,6 +178,7 @@ int Main(int argc, char** argv) {
   }
   if (!arguments.write_model.empty()) return WriteModel(arguments);
   if (!arguments.turns.empty()) return Turns(arguments);
+  if (arguments.digest) return Digest(arguments);
   return Report(arguments);
 }
 

@@ -15,8 +15,8 @@ namespace maneuver::kernels::dense_layer_test {
 namespace {
 
 // Inputs and outputs: below, at and above the widths of the kernels' panels.
-constexpr std::pair<int, int> kSizes[] = {{1, 1},   {5, 10},   {7, 16},   {33, 25},
-                                          {64, 64}, {100, 50}, {257, 129}};
+constexpr std::pair<int, int> kSizes[] = {{1, 1},   {5, 10},  {7, 16},   {33, 25},
+                                          {64, 64}, {40, 90}, {100, 50}, {257, 129}};
 
 bool SameBits(const std::vector<float>& a, const std::vector<float>& b) {
   return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(float)) == 0;

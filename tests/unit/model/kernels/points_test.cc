@@ -6,6 +6,8 @@
 #include <cmath>
 #include <limits>
 #include <random>
+#include <set>
+#include <utility>
 #include <vector>
 
 #include "tests/unit/model/kernels/kernel_test.h"
@@ -86,18 +88,58 @@ TEST_P(PointsTest, MovesWithTheBitsOfPlain) {
   }
 }
 
-TEST_P(PointsTest, FindsTheSidesThatPointsLieBeyond) {
-  std::vector<double> u = {5.0, -1.5, 11.5, 5.0, 5.0, -1.5, -1.0, 11.0};
-  std::vector<double> v = {5.0, 5.0, 5.0, -1.5, 9.5, 9.5, -1.0, 9.0};
-  const std::vector<int64_t> expected = {0, 1, 2, 4, 8, 9, 0, 0};
-  u.resize(u.size() + kPointLanes);
-  v.resize(v.size() + kPointLanes);
-  for (size_t count = 0; count <= expected.size(); ++count) {
-    std::vector<int64_t> sides(count + kPointLanes);
-    FindSides(u.data(), v.data(), count, /*height=*/8, /*width=*/10, /*reach=*/1.0, sides.data());
-    ASSERT_TRUE(std::equal(expected.begin(), expected.begin() + static_cast<ptrdiff_t>(count),
-                           sides.begin()));
+bool SameChords(const std::vector<Chord>& a, const std::vector<Chord>& b) {
+  return std::ranges::equal(a, b, [](const Chord& one, const Chord& other) {
+    return one.first == other.first && one.last == other.last;
+  });
+}
+
+// So large that all of a line shows.
+constexpr PictureArea kEverything = {.height = 1 << 20, .width = 1 << 20, .reach = 1 << 20};
+
+// Returns the chords of the first `count` points of a line with room behind them.
+std::vector<Chord> Chords(std::vector<double> u, std::vector<double> v, size_t count,
+                          const PictureArea& picture, double tolerance) {
+  std::vector<int64_t> sides(count + kPointLanes);
+  std::vector<Chord> chords(count);
+  chords.resize(
+      FindChords(u.data(), v.data(), count, picture, tolerance, sides.data(), chords.data()));
+  return chords;
+}
+
+TEST_P(PointsTest, FindsNoChordOfPointsBeyondOneSideOfThePicture) {
+  constexpr PictureArea kPicture = {.height = 8, .width = 10, .reach = 1.0};
+  constexpr double kInside = 5.0;
+  for (const auto& [beyond_u, beyond_v] : std::vector<std::pair<double, double>>{
+           {-1.5, kInside}, {11.5, kInside}, {kInside, -1.5}, {kInside, 9.5}}) {
+    for (size_t count = 2; count < kMost; ++count) {
+      // The line leaves the picture at each place, comes back, and leaves for good.
+      for (size_t out = 0; out + 1 < count; ++out) {
+        std::vector<double> u(count + kPointLanes, kInside);
+        std::vector<double> v(u);
+        for (size_t i = 0; i < count; ++i) {
+          if (i != out && i != out + 1) continue;
+          u[i] = beyond_u;
+          v[i] = beyond_v;
+        }
+        const auto find = [&] { return Chords(u, v, count, kPicture, 0.03); };
+        std::set<size_t> joined;  // the first point of each interval on a chord
+        for (const Chord& chord : find()) {
+          for (size_t i = chord.first; i < chord.last; ++i) ASSERT_TRUE(joined.insert(i).second);
+        }
+        std::set<size_t> expected;
+        for (size_t i = 0; i + 1 < count; ++i) {
+          if (i != out) expected.insert(i);
+        }
+        ASSERT_EQ(joined, expected) << beyond_u << " " << beyond_v << " " << count << " " << out;
+        ASSERT_TRUE(SameChords(find(), Plain(find)));
+      }
+    }
   }
+  // Within reach, and at the corners: beyond one side each.
+  EXPECT_EQ(Chords({-1.0, 11.0, 0, 0, 0, 0}, {-1.0, 9.0, 0, 0, 0, 0}, 2, kPicture, 0.03).size(),
+            1u);
+  EXPECT_EQ(Chords({-5.0, 5.0, 0, 0, 0, 0}, {5.0, -5.0, 0, 0, 0, 0}, 2, kPicture, 0.03).size(), 1u);
 }
 
 // The distance from point i to the segment between points `start` and `end`.
@@ -121,20 +163,20 @@ TEST_P(PointsTest, FindsChordsThatPassAllPoints) {
     u[i] = 30.0 * std::sin(angle);
     v[i] = 30.0 * std::cos(angle);
   }
-  size_t chords = 0;
-  for (size_t start = 0; start + 1 < kPoints; ++chords) {
-    const auto find = [&] {
-      return FindChordEnd(u.data(), v.data(), start, kPoints - 1, kTolerance);
-    };
-    const size_t end = find();
-    ASSERT_EQ(end, Plain(find));
-    ASSERT_GT(end, start);
-    for (size_t i = start + 1; i < end; ++i) {
-      ASSERT_LE(DistanceToChord(u, v, start, end, i), kTolerance * (1.0 + 1e-9));
+  const auto find = [&] { return Chords(u, v, kPoints, kEverything, kTolerance); };
+  const auto chords = find();
+  ASSERT_TRUE(SameChords(chords, Plain(find)));
+  size_t start = 0;
+  for (const Chord& chord : chords) {
+    ASSERT_EQ(chord.first, start);
+    ASSERT_GT(chord.last, start);
+    for (size_t i = start + 1; i < chord.last; ++i) {
+      ASSERT_LE(DistanceToChord(u, v, start, chord.last, i), kTolerance * (1.0 + 1e-9));
     }
-    start = end;
+    start = chord.last;
   }
-  EXPECT_LT(chords, 40u);
+  EXPECT_EQ(start, kPoints - 1);
+  EXPECT_LT(chords.size(), 40u);
 }
 
 TEST_P(PointsTest, EndsNoChordBeyondATurnBack) {
@@ -144,7 +186,7 @@ TEST_P(PointsTest, EndsNoChordBeyondATurnBack) {
     for (size_t i = 0; i < 13; ++i) {
       u[i] = 12.0 - std::abs(static_cast<double>(i) - static_cast<double>(turn));
     }
-    ASSERT_LE(FindChordEnd(u.data(), v.data(), 0, 12, 0.03), turn);
+    ASSERT_LE(Chords(u, v, 13, kEverything, 0.03).at(0).last, turn);
   }
 }
 
@@ -155,21 +197,51 @@ std::vector<PointSpread> Spreads(const std::vector<double>& x, const std::vector
   return spreads;
 }
 
-TEST_P(PointsTest, FindsTheBoxOfPoints) {
+TEST_P(PointsTest, FindsTheBoxOfEachLine) {
   const auto x = RandomDoubles(kMost, 6, 5.0);
   const auto y = RandomDoubles(kMost, 7, 5.0);
+  std::vector<PointLine> lines;
   for (size_t first = 0; first < kMost; ++first) {
-    for (size_t count = 1; first + count <= kMost; ++count) {
-      const auto find = [&] { return FindBox(x.data() + first, y.data() + first, count); };
-      const auto begin = static_cast<std::ptrdiff_t>(first);
-      const auto end = static_cast<std::ptrdiff_t>(first + count);
-      const auto [low_x, high_x] = std::minmax_element(x.begin() + begin, x.begin() + end);
-      const auto [low_y, high_y] = std::minmax_element(y.begin() + begin, y.begin() + end);
-      for (const PointBox& box : {find(), Plain(find)}) {
-        ASSERT_EQ(box.low_x, *low_x) << first << " " << count;
-        ASSERT_EQ(box.low_y, *low_y) << first << " " << count;
-        ASSERT_EQ(box.high_x, *high_x) << first << " " << count;
-        ASSERT_EQ(box.high_y, *high_y) << first << " " << count;
+    for (size_t count = 0; first + count <= kMost; ++count) {
+      lines.push_back({x.data() + first, y.data() + first, count});
+    }
+  }
+  const auto find = [&] {
+    std::vector<PointBox> boxes(lines.size());
+    EXPECT_TRUE(FindBoxes(lines, boxes.data()));
+    return boxes;
+  };
+  for (const std::vector<PointBox>& boxes : {find(), Plain(find)}) {
+    for (size_t i = 0; i < lines.size(); ++i) {
+      const auto [line_x, line_y, count] = lines[i];
+      if (count == 0) {
+        ASSERT_FALSE(boxes[i].Overlaps({-1e300, -1e300, 1e300, 1e300}));
+        continue;
+      }
+      const auto [low_x, high_x] = std::minmax_element(line_x, line_x + count);
+      const auto [low_y, high_y] = std::minmax_element(line_y, line_y + count);
+      ASSERT_EQ(boxes[i].low_x, *low_x) << i;
+      ASSERT_EQ(boxes[i].low_y, *low_y) << i;
+      ASSERT_EQ(boxes[i].high_x, *high_x) << i;
+      ASSERT_EQ(boxes[i].high_y, *high_y) << i;
+    }
+  }
+}
+
+TEST_P(PointsTest, TellsWhetherAllCoordinatesAreFinite) {
+  const std::vector<double> good(kMost, 1e300);
+  for (size_t count = 1; count < kMost; ++count) {
+    for (size_t i = 0; i < 2 * count; ++i) {
+      for (const double bad :
+           {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity(),
+            -std::numeric_limits<double>::infinity()}) {
+        std::vector<double> x(count, -3.0);
+        std::vector<double> y(count, 4.0);
+        (i < count ? x[i] : y[i - count]) = bad;
+        const std::vector<PointLine> lines = {
+            {good.data(), good.data(), count}, {x.data(), y.data(), count}, {nullptr, nullptr, 0}};
+        std::vector<PointBox> boxes(lines.size());
+        ASSERT_FALSE(FindBoxes(lines, boxes.data())) << count << " " << i << " " << bad;
       }
     }
   }

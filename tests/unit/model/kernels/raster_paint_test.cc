@@ -58,6 +58,7 @@ TEST_P(RasterPaintTest, PaintsBoxesWithTheBytesOfPlain) {
 TEST_P(RasterPaintTest, PaintsSegmentsWithTheBytesOfPlain) {
   std::mt19937 random(4);
   std::uniform_real_distribution<float> place(-2.0F, 52.0F);
+  std::vector<PlacedSegment> segments;  // of one picture
   for (int i = 0; i < 1000; ++i) {
     SegmentShape segment = {.u = place(random),
                             .v = place(random),
@@ -71,13 +72,18 @@ TEST_P(RasterPaintTest, PaintsSegmentsWithTheBytesOfPlain) {
     const float high = std::max(segment.v, segment.v + segment.along_v);
     const int first = std::clamp(static_cast<int>(low - 1.5F), 0, kHeight);
     const int last = std::clamp(static_cast<int>(high + 1.5F), 0, kHeight);
+    segments.push_back({segment, {first, last, nullptr, kStride}});
     const auto paint = [&] {
       auto picture = Picture();
-      PaintSegment(segment, kWidth, {first, last, picture.data() + first * kStride, kStride});
+      for (PlacedSegment& each : segments) {
+        each.rows.pixels = picture.data() + each.rows.first_row * kStride;
+      }
+      PaintSegments(segments, kWidth);
       ClearBehind(&picture);
       return picture;
     };
     ASSERT_EQ(paint(), Plain(paint)) << i;
+    if (i % 2 == 0) segments.clear();  // one segment, then two
   }
 }
 

@@ -78,10 +78,14 @@ TEST(LaneGraphTest, HoldsDrivingLanesAndStopSignsOnly) {
   AddLane(&scenario, 2, {{5, 5}, {5, 5}, {5.0005, 5}});
   AddLane(&scenario, 3, {});
   AddLane(&scenario, 4, {{5, 5}, {6, 5}});
+  // All points near the first, although the outermost are further apart.
+  AddLane(&scenario, 5, {{5, 5}, {5.0009, 5}, {4.9991, 5}});
+  AddLane(&scenario, 6, {{5, 5}, {5, 5.002}});
   const RoadMap map = RoadMap::Over(scenario.map_features());
   const LaneGraph& graph = map.lanes();
-  ASSERT_EQ(graph.size(), 1);
+  ASSERT_EQ(graph.size(), 2);
   EXPECT_EQ(graph.lane(0).id, 4);
+  EXPECT_EQ(graph.lane(1).id, 6);
   EXPECT_EQ(PointsOf(graph, 0).size(), 2u);
   ASSERT_EQ(graph.stop_signs().size(), 1u);
   EXPECT_EQ(graph.stop_signs()[0].y, 4.0);
@@ -159,17 +163,24 @@ TEST(LaneGraphTest, ALaneFollowsIfItBeginsAtTheEndInTheSameDirection) {
   EXPECT_FALSE(follows(10, 0, std::numbers::pi));
 }
 
+// Adds lanes that are far from all others: so many that a graph no longer looks at each of them.
+void AddFarLanes(v1::Scenario* scenario) {
+  for (int i = 0; i < 600; ++i) AddLane(scenario, 1000 + i, {{500.0 + i, 300}, {500.5 + i, 300}});
+}
+
 // Anywhere in the world, so that starts and ends fall into neighbouring cells of the search.
 TEST(LaneGraphTest, SuccessorsByGeometryMatchAFullSearch) {
   std::mt19937 random(5);
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
   size_t found = 0;
   for (int trial = 0; trial < 100; ++trial) {
+    const bool few = trial % 2 == 0;
     v1::Scenario scenario;
     for (int id = 1; id <= 40; ++id) {
       const Point2 start{2.0 * uniform(random), 2.0 * uniform(random)};
       AddLane(&scenario, id, {start, {start.x + uniform(random), start.y + uniform(random)}});
     }
+    if (!few) AddFarLanes(&scenario);
     const RoadMap map = RoadMap::Over(scenario.map_features());
     const LaneGraph& graph = map.lanes();
     for (int i = 0; i < 40; ++i) {
@@ -188,6 +199,28 @@ TEST(LaneGraphTest, SuccessorsByGeometryMatchAFullSearch) {
     }
   }
   EXPECT_GT(found, 1000u);
+}
+
+// Of more lanes than are considered, the same ones count.
+TEST(LaneGraphTest, SuccessorsInACrowdDoNotDependOnTheRestOfTheMap) {
+  std::mt19937 random(6);
+  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
+  constexpr int kCrowd = 4 * LaneGraph::kMostCandidates;
+  v1::Scenario few;
+  for (int id = 1; id <= kCrowd; ++id) {
+    const Point2 start{7.3 + 0.5 * uniform(random), -2.4 + 0.5 * uniform(random)};
+    AddLane(&few, id, {start, {start.x + uniform(random), start.y + uniform(random)}});
+  }
+  v1::Scenario many = few;
+  AddFarLanes(&many);
+  const RoadMap map = RoadMap::Over(few.map_features());
+  const RoadMap larger = RoadMap::Over(many.map_features());
+  size_t found = 0;
+  for (int i = 0; i < kCrowd; ++i) {
+    ASSERT_EQ(SuccessorIds(map.lanes(), i), SuccessorIds(larger.lanes(), i)) << i;
+    found += map.lanes().Successors(i).size();
+  }
+  EXPECT_GT(found, 200u);
 }
 
 TEST(LaneGraphTest, DeclaredSuccessorsReplaceThoseByGeometry) {

@@ -100,6 +100,34 @@ TEST(ScenarioValidationTest, ChecksAMapOnItsOwnByTheSameRules) {
               ElementsAre("map_features[2].x[1]"));
 }
 
+TEST(ScenarioValidationTest, ChecksCoordinatesOfFeaturesOnEachSide) {
+  for (const double bad : {1.1e8, -1.1e8, kInfinity, -kInfinity, kNan}) {
+    v1::Scenario scenario = GoodScenario();
+    scenario.mutable_map_features(8)->set_x(3, bad);
+    scenario.mutable_map_features(8)->set_y(2, bad);
+    EXPECT_THAT(Fields(ValidateScenario(scenario, {})),
+                ElementsAre("map_features[8].x[3]", "map_features[8].y[2]"));
+    scenario.mutable_map_features(8)->set_x(3, 0.0);
+    EXPECT_THAT(Fields(ValidateScenario(scenario, {})), ElementsAre("map_features[8].y[2]"));
+    scenario.mutable_map_features(8)->set_x(3, bad);
+    scenario.mutable_map_features(8)->set_y(2, 1e8);
+    EXPECT_THAT(Fields(ValidateScenario(scenario, {})), ElementsAre("map_features[8].x[3]"));
+  }
+}
+
+TEST(ScenarioValidationTest, GivesTheBoxOfEachFeature) {
+  v1::Scenario scenario = GoodScenario();
+  scenario.mutable_map_features(4)->set_x(2, 7.0);
+  std::vector<Box> boxes;
+  EXPECT_THAT(Fields(ValidateScenario(scenario, {}, &boxes)), IsEmpty());
+  ASSERT_EQ(boxes.size(), 9u);
+  EXPECT_EQ(boxes[3].high_x, 5.0);
+  EXPECT_EQ(boxes[4].high_x, 7.0);
+  EXPECT_EQ(boxes[4].low_y, 0.0);
+  const RoadMap map = RoadMap::Over(scenario.map_features(), boxes);
+  EXPECT_EQ(map.boxes()[4].high_x, 7.0);
+}
+
 struct BadCase {
   std::string name;
   std::string field;
