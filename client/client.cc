@@ -107,6 +107,7 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const ClientOptions& opt
   connection->datasets = v1::DatasetService::NewStub(connection->channel);
   connection->training = v1::TrainingService::NewStub(connection->channel);
   connection->pending = std::make_unique<PendingPredictions>(started);
+  connection->replicas = v1::ReplicaService::NewStub(connection->channel);
   connection->admin = v1::AdminService::NewStub(connection->channel);
   return std::unique_ptr<Client>(new Client(std::move(connection)));
 }
@@ -181,6 +182,11 @@ absl::StatusOr<v1::ListModelVersionsResponse> Client::ListModelVersions(
 absl::StatusOr<v1::ModelVersion> Client::GetModelVersion(const v1::GetModelVersionRequest& request,
                                                          const CallOptions& call) {
   return MANEUVER_CALL(models, ModelService, GetModelVersion, Repeatable::kYes, management);
+}
+
+absl::StatusOr<v1::ListReplicasResponse> Client::ListReplicas(
+    const v1::ListReplicasRequest& request, const CallOptions& call) {
+  return MANEUVER_CALL(replicas, ReplicaService, ListReplicas, Repeatable::kYes, management);
 }
 
 absl::Status Client::DeleteModelVersion(const v1::DeleteModelVersionRequest& request,

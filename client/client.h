@@ -51,6 +51,7 @@
 #include "maneuver/v1/model_service.pb.h"
 #include "maneuver/v1/outcome_service.pb.h"
 #include "maneuver/v1/prediction_service.pb.h"
+#include "maneuver/v1/replica_service.pb.h"
 #include "maneuver/v1/training_service.pb.h"
 
 namespace maneuver::client {
@@ -102,6 +103,9 @@ class Client {
       const v1::ListModelVersionsRequest& request, const CallOptions& call = {});
   absl::StatusOr<v1::ModelVersion> GetModelVersion(const v1::GetModelVersionRequest& request,
                                                    const CallOptions& call = {});
+  // Lists the servers that share a store, with the versions that each has loaded.
+  absl::StatusOr<v1::ListReplicasResponse> ListReplicas(const v1::ListReplicasRequest& request = {},
+                                                        const CallOptions& call = {});
   absl::Status DeleteModelVersion(const v1::DeleteModelVersionRequest& request,
                                   const CallOptions& call = {});
   absl::StatusOr<v1::ModelAlias> SetModelAlias(const v1::SetModelAliasRequest& request,

@@ -67,6 +67,7 @@ int CrossValidate(const CrossValidateArguments& arguments, Environment& environm
     PrintValid(*job, environment);
     return kOk;
   }
+  SayIfItWaits(*job, environment);
   if (arguments.detach) {
     if (environment.json()) {
       environment.PrintJson(*job);

@@ -47,6 +47,7 @@ int Evaluate(const EvaluateArguments& arguments, Environment& environment) {
     PrintValid(*job, environment);
     return kOk;
   }
+  SayIfItWaits(*job, environment);
   if (arguments.detach) {
     if (environment.json()) {
       environment.PrintJson(*job);

@@ -16,6 +16,7 @@
 #include "client/cli/resource_names.h"
 #include "client/cli/table.h"
 #include "client/cli/text_format.h"
+#include "client/error_details.h"
 #include "model/evaluation/cross_validation_text.h"
 #include "model/evaluation/report_text.h"
 
@@ -134,7 +135,11 @@ int ShowJob(const std::string& name, const std::optional<std::string>& figures,
                                          Moment(job->attempts().start_time()))});
   }
   if (job->has_error()) {
-    table.Add({client::HasEnded(*job) ? "error" : "interrupted", job->error().message()});
+    const char* const what = client::HasEnded(*job) ? "error"
+                             : client::ErrorDetailsOf(job->error()).reason == "NO_WORKER"
+                                 ? "waits"
+                                 : "interrupted";
+    table.Add({what, job->error().message()});
   }
   table.Add({"created", Moment(job->create_time())});
   table.Add({"started", Moment(job->start_time())});

@@ -221,6 +221,11 @@ int PrintOutcome(const v1::Job& job, Environment& environment) {
   return kOk;
 }
 
+void SayIfItWaits(const v1::Job& job, Environment& environment) {
+  if (job.state() != v1::JOB_STATE_PENDING || !job.has_error()) return;
+  environment.err << job.name() << " waits: " << job.error().message() << "\n";
+}
+
 int WatchToEnd(const std::string& job, Environment& environment) {
   client::Cancellation cancellation;
   client::CallOptions call = environment.call_options();

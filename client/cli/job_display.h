@@ -30,6 +30,9 @@ std::string HeldOutText(const v1::ModelManifest& manifest, bool color);
 // continue watching. Returns kOk if the job succeeded or was left running, else kFailed.
 int WatchToEnd(const std::string& job, Environment& environment);
 
+// Says why no server can run a new job now, if none can.
+void SayIfItWaits(const v1::Job& job, Environment& environment);
+
 // Returns whether the version of a job was promoted, why, and by which figures, as whole lines;
 // empty while this is not known.
 std::string PromotionText(const v1::Job& job, bool color);

@@ -105,6 +105,27 @@ absl::StatusOr<std::string> EvaluatedOn(const std::string& version, Environment&
   return texts.empty() ? "-" : absl::StrJoin(texts, ", ");
 }
 
+// What each of the servers that predict has loaded of a version's model: "candidate 4, serving 3".
+Table ReplicaTable(const v1::ListReplicasResponse& replicas, const std::string& version) {
+  const std::string model = version.substr(0, version.find("/versions/") + 1);
+  Table table({{"REPLICA"}, {"LOADED"}});
+  for (const v1::Replica& replica : replicas.replicas()) {
+    if (replica.role() != v1::REPLICA_ROLE_ALL && replica.role() != v1::REPLICA_ROLE_SERVE)
+      continue;
+    std::vector<std::string> loaded;
+    for (const v1::ModelAlias& alias : replica.loaded()) {
+      if (!alias.name().starts_with(model)) continue;
+      const auto last_word = [](const std::string& name) {
+        return name.substr(name.rfind('/') + 1);
+      };
+      loaded.push_back(
+          absl::StrCat(last_word(alias.name()), " ", last_word(alias.model_version())));
+    }
+    table.Add({replica.name(), loaded.empty() ? "-" : absl::StrJoin(loaded, ", ")});
+  }
+  return table;
+}
+
 int ShowModel(const std::string& name, Environment& environment) {
   v1::GetModelVersionRequest request;
   request.set_name(ModelResource(name));
@@ -138,6 +159,11 @@ int ShowModel(const std::string& name, Environment& environment) {
                                       manifest.provenance().validation_examples(), " held out")});
   table.Add({"evaluated on", *evaluated});
   environment.out << table.Text(environment.color);
+  // A server of before has no such call, and a caller may lack the role.
+  const auto replicas = environment.server_client().ListReplicas({}, environment.call_options());
+  if (replicas.ok() && !replicas->replicas().empty()) {
+    environment.out << "\n" << ReplicaTable(*replicas, version->name()).Text(environment.color);
+  }
   if (manifest.metrics_size() > 0) {
     environment.out << "\n" << HeldOutText(manifest, environment.color);
   }

@@ -178,6 +178,7 @@ int Train(const TrainArguments& arguments, Environment& environment) {
     PrintValid(*job, environment);
     return kOk;
   }
+  SayIfItWaits(*job, environment);
   if (arguments.detach) {
     if (environment.json()) {
       environment.PrintJson(*job);

@@ -120,7 +120,7 @@ std::optional<v1::DatasetSummary> KeptDescription(const fs::path& file) {
 DatasetStore::DatasetStore(fs::path folder, const DatasetStoreOptions& options)
     : folder_(std::move(folder)),
       options_(options),
-      staging_(std::make_shared<files::UploadStaging>(folder_)) {}
+      staging_(std::make_shared<files::UploadStaging>(folder_, options.is_shared)) {}
 
 absl::StatusOr<std::unique_ptr<DatasetStore>> DatasetStore::Open(
     fs::path folder, const DatasetStoreOptions& options) {

@@ -85,9 +85,10 @@ FileReceiver::~FileReceiver() {
   // What fails here was not acknowledged.
   if (part_ != nullptr) (void)part_->Close();
   part_.reset();
-  if (discarded_) {
+  const bool is_own = staging_->HasTurn(*slot_);  // not another server's by now
+  if (is_own && discarded_) {
     staging_->RemoveFolder(*slot_);
-  } else {
+  } else if (is_own) {
     RemovePartWithoutAByte();
     staging_->RemoveEmptyFolder(*slot_);
   }
@@ -132,7 +133,7 @@ bool FileReceiver::IsWhole(const AnnouncedFile& file) const {
 }
 
 absl::Status FileReceiver::CheckTurn() const {
-  if (slot_->turn == turn_) return absl::OkStatus();
+  if (slot_->turn == turn_ && staging_->HasTurn(*slot_)) return absl::OkStatus();
   return absl::AbortedError(absl::StrCat("another upload of ", upload_.resource,
                                          " has begun meanwhile, and replaces this one"));
 }

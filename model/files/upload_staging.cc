@@ -1,12 +1,22 @@
 #include "model/files/upload_staging.h"
 
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
 #include <algorithm>
+#include <cerrno>
 #include <limits>
+#include <random>
 #include <set>
 #include <system_error>
+#include <thread>
 #include <utility>
 
+#include "absl/status/statusor.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
 #include "model/files/digest.h"
 #include "model/files/durable_file.h"
 #include "model/files/errno_status.h"
@@ -18,6 +28,60 @@ namespace fs = std::filesystem;
 
 // Digits of a SHA-256: enough to tell callers apart.
 constexpr size_t kCallerDigits = 32;
+
+constexpr char kAnnounced[] = ".announced";
+// An announcement whose bytes stopped coming so long ago is of an upload that broke off.
+constexpr std::chrono::minutes kAnnouncementLife{2};
+constexpr std::chrono::seconds kLockPatience{5};
+
+// Excludes the other servers that use a folder.
+class FolderLock {
+ public:
+  // UNAVAILABLE if another server holds it for long.
+  static absl::StatusOr<std::unique_ptr<FolderLock>> Take(const fs::path& file) {
+    const int descriptor = open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+    if (descriptor < 0) return ErrnoStatus(errno, "create", file);
+    std::unique_ptr<FolderLock> lock(new FolderLock(descriptor));
+    const auto deadline = std::chrono::steady_clock::now() + kLockPatience;
+    while (flock(descriptor, LOCK_EX | LOCK_NB) != 0) {
+      if (errno != EWOULDBLOCK && errno != EINTR) return ErrnoStatus(errno, "lock", file);
+      if (std::chrono::steady_clock::now() > deadline) {
+        return absl::UnavailableError(
+            "another server has been beginning an upload for long; try again shortly");
+      }
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    }
+    return lock;
+  }
+  ~FolderLock() { close(descriptor_); }
+  FolderLock(const FolderLock&) = delete;
+  FolderLock& operator=(const FolderLock&) = delete;
+
+ private:
+  explicit FolderLock(int descriptor) : descriptor_(descriptor) {}
+
+  const int descriptor_;
+};
+
+std::string NewTurn() {
+  std::random_device random;
+  return absl::StrCat(absl::Hex(random(), absl::kZeroPad8), absl::Hex(random(), absl::kZeroPad8));
+}
+
+// What .announced says: "TURN BYTES".
+struct Announcement {
+  std::string turn;
+  uint64_t bytes = 0;
+};
+
+Announcement AnnouncementIn(const fs::path& slot) {
+  Announcement announcement;
+  const auto text = ReadFile(slot / kAnnounced);
+  if (!text.ok()) return announcement;
+  const std::pair<std::string, std::string> parts = absl::StrSplit(*text, ' ');
+  if (absl::SimpleAtoi(parts.second, &announcement.bytes)) announcement.turn = parts.first;
+  return announcement;
+}
 
 // Returns the size of a file, or -1 if there is none.
 int64_t SizeOf(const fs::path& file) {
@@ -69,12 +133,14 @@ void RemoveOtherFiles(const fs::path& slot, const std::vector<AnnouncedFile>& fi
   std::vector<fs::path> others;
   for (fs::directory_iterator entry(slot, error); !error && entry != fs::directory_iterator();
        entry.increment(error)) {
-    if (!wanted.contains(entry->path().filename().string())) others.push_back(entry->path());
+    const std::string name = entry->path().filename().string();
+    if (name != kAnnounced && !wanted.contains(name)) others.push_back(entry->path());
   }
   for (const fs::path& file : others) fs::remove(file, error);
 }
 
-UploadStaging::UploadStaging(const fs::path& folder) : folder_(folder / ".uploads") {}
+UploadStaging::UploadStaging(const fs::path& folder, bool is_shared)
+    : folder_(folder / ".uploads"), is_shared_(is_shared) {}
 
 std::shared_ptr<UploadStaging::Slot> UploadStaging::Enter(const std::string& id,
                                                           const std::string& caller) {
@@ -95,6 +161,16 @@ std::shared_ptr<UploadStaging::Slot> UploadStaging::Enter(const std::string& id,
 absl::Status UploadStaging::Announce(Slot& slot, const Bytes& bytes,
                                      const std::function<absl::Status(const Others&)>& refuse) {
   const MutexLock lock(mutex_);
+  if (is_shared_) {
+    const auto others = FolderLock::Take(folder_.parent_path() / ".uploads.lock");
+    if (!others.ok()) return others.status();
+    if (absl::Status status = refuse(OthersOnDisk(slot.name)); !status.ok()) return status;
+    std::error_code error;
+    fs::create_directories(slot.folder, error);
+    if (error) return ErrnoStatus(error.value(), "create", slot.folder);
+    const std::string& turn = turns_[slot.name] = NewTurn();
+    return WriteFileAtomically(slot.folder / kAnnounced, absl::StrCat(turn, " ", bytes.announced));
+  }
   const auto known = announced_.find(slot.name);
   const Bytes own = known == announced_.end() ? Bytes() : known->second;
   Others others{.under_way = under_way_, .broken_off = BrokenOffBytes()};
@@ -107,7 +183,14 @@ absl::Status UploadStaging::Announce(Slot& slot, const Bytes& bytes,
   return absl::OkStatus();
 }
 
+bool UploadStaging::HasTurn(const Slot& slot) {
+  if (!is_shared_) return true;
+  const MutexLock lock(mutex_);
+  return AnnouncementIn(slot.folder).turn == turns_[slot.name];
+}
+
 void UploadStaging::Arrived(Slot& slot, uint64_t bytes) {
+  if (is_shared_) return;  // all look at the files
   const MutexLock lock(mutex_);
   under_way_.missing -= bytes;
   announced_[slot.name].missing -= bytes;
@@ -115,6 +198,15 @@ void UploadStaging::Arrived(Slot& slot, uint64_t bytes) {
 
 void UploadStaging::End(Slot& slot) {
   const MutexLock lock(mutex_);
+  if (is_shared_) {
+    std::error_code ignored;
+    const std::string turn = std::exchange(turns_[slot.name], "");
+    turns_.erase(slot.name);
+    if (AnnouncementIn(slot.folder).turn != turn) return;  // another server's
+    fs::remove(slot.folder / kAnnounced, ignored);
+    fs::remove(slot.folder, ignored);  // succeeds if it is empty now
+    return;
+  }
   const Bytes own = announced_[slot.name];
   under_way_.announced -= own.announced;
   under_way_.missing -= own.missing;
@@ -176,6 +268,35 @@ absl::Status UploadStaging::RemoveIf(
 bool UploadStaging::IsHeld(const std::string& name) const {
   const auto slot = slots_.find(name);
   return slot != slots_.end() && !slot->second.expired();
+}
+
+UploadStaging::Others UploadStaging::OthersOnDisk(const std::string& own) const {
+  Others others;
+  const fs::file_time_type now = fs::file_time_type::clock::now();
+  std::error_code error;
+  fs::directory_iterator slot(folder_, error);
+  for (; !error && slot != fs::directory_iterator(); slot.increment(error)) {
+    if (slot->path().filename() == own) continue;
+    uint64_t there = 0;
+    fs::file_time_type last = fs::file_time_type::min();
+    std::error_code gone;  // its upload may just end
+    for (fs::directory_iterator file(slot->path(), gone); !gone && file != fs::directory_iterator();
+         file.increment(gone)) {
+      if (file->path().filename().string().front() != '.') {
+        there += static_cast<uint64_t>(std::max<int64_t>(0, SizeOf(file->path())));
+      }
+      const fs::file_time_type written = file->last_write_time(gone);
+      if (!gone) last = std::max(last, written);
+    }
+    const uint64_t announced = AnnouncementIn(slot->path()).bytes;
+    if (announced > 0 && last > now - kAnnouncementLife) {
+      others.under_way.announced += announced;
+      others.under_way.missing += announced - std::min(there, announced);
+    } else {
+      others.broken_off += there;
+    }
+  }
+  return others;
 }
 
 uint64_t UploadStaging::BrokenOffBytes() const {

@@ -3,6 +3,10 @@
 //
 //   <folder>/.uploads/<id>.<caller>/<SHA-256>       a complete file, named by its digest
 //                                  /<SHA-256>.part  the beginning of a file
+//                                  /.announced      where other servers use the folder, too: which
+//                                                   call has the turn, and how many bytes it
+//                                                   announced
+//   <folder>/.uploads.lock                          held by a server that compares announcements
 //
 // <id> is the id of what the files become, <caller> a digest of the caller's name. An upload only
 // uses files of the same caller and id. So a caller that knows the digest of another caller's file
@@ -68,16 +72,20 @@ class UploadStaging {
     bool committing ABSL_GUARDED_BY(mutex) = false;  // no other call may take the turn
   };
 
-  explicit UploadStaging(const std::filesystem::path& folder);
+  //   is_shared: other servers use the folder, too. Turns and announcements then hold over all.
+  explicit UploadStaging(const std::filesystem::path& folder, bool is_shared = false);
 
   // Returns the slot. Its folder need not exist. While the pointer is held, the slot is not
   // abandoned.
   std::shared_ptr<Slot> Enter(const std::string& id, const std::string& caller);
 
   // Replaces what the slot announced before, unless `refuse` returns an error. `refuse` is called
-  // with the totals of the other slots.
+  // with the totals of the other slots. If the folder is shared, takes the turn from calls of other
+  // servers.
   absl::Status Announce(Slot& slot, const Bytes& bytes,
                         const std::function<absl::Status(const Others&)>& refuse);
+  // Returns false if a call of another server has announced the slot since.
+  bool HasTurn(const Slot& slot);
   // Counts `bytes` of those that the slot announced as missing as being on the disk now.
   void Arrived(Slot& slot, uint64_t bytes);
   // Ends the announcement. Call it when no call sends the upload any more.
@@ -98,13 +106,18 @@ class UploadStaging {
  private:
   bool IsHeld(const std::string& name) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   uint64_t BrokenOffBytes() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Returns what all servers have on the disk, except for `own`.
+  Others OthersOnDisk(const std::string& own) const;
 
   const std::filesystem::path folder_;
+  const bool is_shared_;
   Mutex mutex_;
   // Bytes that each slot has announced, by the slot's name, and their sum.
   std::map<std::string, Bytes> announced_ ABSL_GUARDED_BY(mutex_);
   Bytes under_way_ ABSL_GUARDED_BY(mutex_);
   std::map<std::string, std::weak_ptr<Slot>> slots_ ABSL_GUARDED_BY(mutex_);
+  // If the folder is shared: what this server's last announcement of a slot begins with.
+  std::map<std::string, std::string> turns_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace maneuver::files

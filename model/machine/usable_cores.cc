@@ -5,8 +5,9 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
-#include <string>
 #include <thread>
+
+#include "model/machine/control_group.h"
 
 namespace maneuver::machine {
 namespace {
@@ -18,15 +19,6 @@ int AllowedCores() {
   if (sched_getaffinity(0, sizeof(allowed), &allowed) == 0) return CPU_COUNT(&allowed);
   // The machine has more cores than the set can hold.
   return static_cast<int>(std::thread::hardware_concurrency());
-}
-
-// Returns this process's control group, version 2: the path in the line "0::/a/b".
-std::optional<fs::path> OwnGroup() {
-  std::ifstream groups("/proc/self/cgroup");
-  for (std::string line; std::getline(groups, line);) {
-    if (line.starts_with("0::")) return line.substr(3);
-  }
-  return std::nullopt;
 }
 
 // Reads cpu.max: "QUOTA PERIOD", microseconds, or "max PERIOD".
@@ -41,24 +33,13 @@ std::optional<double> LimitIn(const fs::path& folder) {
 }  // namespace
 
 std::optional<double> GroupLimit(const fs::path& root, const fs::path& group) {
-  std::optional<double> least;
-  fs::path folder = root;
-  const auto look = [&] {
-    const auto limit = LimitIn(folder);
-    if (limit) least = std::min(*limit, least.value_or(*limit));
-  };
-  look();  // inside a container, its own group is the root
-  for (const fs::path& part : group.relative_path()) {
-    folder /= part;
-    look();
-  }
-  return least;
+  return LeastLimit(root, group, LimitIn);
 }
 
 int UsableCores() {
   int cores = AllowedCores();
-  if (const auto group = OwnGroup()) {
-    if (const auto limit = GroupLimit("/sys/fs/cgroup", *group)) {
+  if (const auto group = OwnControlGroup()) {
+    if (const auto limit = GroupLimit(kControlGroups, *group)) {
       cores = std::min(cores, static_cast<int>(std::ceil(*limit)));
     }
   }

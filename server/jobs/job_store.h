@@ -13,6 +13,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "maneuver/v1/training_service.pb.h"
+#include "server/jobs/worker_capacity.h"
 
 namespace maneuver::jobs {
 
@@ -89,7 +90,12 @@ class JobStore {
 
   // Makes the first PENDING job, in the order of ListInState, RUNNING and returns it with a lease.
   // `begin` changes the job as it starts. Returns nothing if no job is PENDING.
-  virtual absl::StatusOr<std::optional<ClaimedJob>> Claim(const JobEdit& begin) = 0;
+  //   worker: leaves jobs out that this server cannot run; nothing: takes any
+  virtual absl::StatusOr<std::optional<ClaimedJob>> Claim(
+      const JobEdit& begin, const std::optional<WorkerCapacity>& worker) = 0;
+  absl::StatusOr<std::optional<ClaimedJob>> Claim(const JobEdit& begin) {
+    return Claim(begin, std::nullopt);
+  }
   // Renews a lease. Returns whether the job is to be cancelled. ABORTED if the lease has ended.
   virtual absl::StatusOr<bool> Renew(const JobLease& lease) = 0;
   // Ends a lease. `end` changes the stored job and moves it from RUNNING to another state.

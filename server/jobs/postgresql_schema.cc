@@ -56,6 +56,19 @@ constexpr char kVersion2[] = R"sql(
   CREATE INDEX versions_by_state ON versions (state, model, version);
 )sql";
 
+constexpr char kVersion3[] = R"sql(
+  ALTER TABLE jobs                             -- what they need of a server
+    ADD COLUMN device TEXT NOT NULL DEFAULT 'cpu',
+    ADD COLUMN ranks BIGINT NOT NULL DEFAULT 1,
+    ADD COLUMN memory BIGINT NOT NULL DEFAULT 0;  -- bytes; 0: not known
+  CREATE TABLE replicas (                      -- the servers that share the store
+    id TEXT COLLATE "C" PRIMARY KEY,
+    seen TIMESTAMPTZ NOT NULL,                 -- when it last reported
+    replica BYTEA NOT NULL                     -- maneuver.v1.Replica
+  );
+  CREATE INDEX replicas_by_seen ON replicas (seen);
+)sql";
+
 // Tries to take a lock of the session until `patience` is over, which returns `refusal`.
 //   lock: a statement that returns whether it took the lock
 absl::Status TakeLock(PostgresqlConnection& connection, const SqlStatement& lock,
@@ -86,7 +99,8 @@ absl::Status MigrateFrom(PostgresqlConnection& connection, int version,
 }  // namespace
 
 const std::vector<std::string>& StoreMigrations() {
-  static const auto* const migrations = new std::vector<std::string>{kVersion1, kVersion2};
+  static const auto* const migrations =
+      new std::vector<std::string>{kVersion1, kVersion2, kVersion3};
   return *migrations;
 }
 

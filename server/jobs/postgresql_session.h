@@ -37,6 +37,8 @@ class PostgresqlSession {
 
   // Returns the id of the store, which stays the same for ever.
   const std::string& store_id() const { return store_id_; }
+  // Returns the id of this session, which no other one has ever had.
+  const std::string& name() const { return name_; }
 
   // Runs a statement that changes nothing, a second time if the connection was lost.
   absl::StatusOr<SqlRows> Read(const SqlStatement& statement);

@@ -1,10 +1,12 @@
 #include "server/jobs/postgresql_store.h"
 
+#include <algorithm>
 #include <optional>
 #include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "locks/mutex.h"
 #include "server/jobs/job_state.h"
 #include "server/jobs/postgresql_session.h"
@@ -74,30 +76,37 @@ constexpr int64_t kReserved = 0;
 constexpr int64_t kPresent = 1;
 constexpr int64_t kDeleted = 2;
 
-class SessionStore final : public PostgresqlStore, private serving::VersionLedger {
+class SessionStore final : public PostgresqlStore,
+                           private serving::VersionLedger,
+                           private ReplicaRegistry {
  public:
   SessionStore(std::unique_ptr<PostgresqlSession> session, StoreUse use, int64_t first_fence)
       : id_(session->store_id()),
+        name_(session->name()),
         use_(use),
         first_fence_(first_fence),
         session_(std::move(session)) {}
 
   serving::VersionLedger* Ledger() override { return this; }
+  ReplicaRegistry* Replicas() override { return IsShared() ? this : nullptr; }
 
   const std::string& id() const override { return id_; }
 
   absl::Status Add(const v1::Job& job, const std::string& request_id,
                    const std::string& request_digest) override {
+    const JobNeeds needs = NeedsOf(job);
     return Write([&](PostgresqlConnection& connection, SqlStatement& undo) {
       undo = {"DELETE FROM jobs WHERE name = $1 AND job = $2",
               {job.name(), SqlValue::Bytes(StoredJob(job))}};
       return connection
           .Run(
               "INSERT INTO jobs (name, state, priority, create_time, request_digest, job,"
-              " request_id) VALUES ($1, $2, $3, $4, $5, $6, $7)",
+              " request_id, device, ranks, memory)"
+              " VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10)",
               {job.name(), job.state(), PriorityOf(job), CreateMicros(job),
                SqlValue::Bytes(request_digest), SqlValue::Bytes(StoredJob(job)),
-               request_id.empty() ? SqlValue::Null() : SqlValue::Bytes(request_id)})
+               request_id.empty() ? SqlValue::Null() : SqlValue::Bytes(request_id), needs.device,
+               needs.ranks, needs.memory_bytes})
           .status();
     });
   }
@@ -157,12 +166,18 @@ class SessionStore final : public PostgresqlStore, private serving::VersionLedge
     });
   }
 
-  absl::StatusOr<std::optional<ClaimedJob>> Claim(const JobEdit& begin) override {
+  absl::StatusOr<std::optional<ClaimedJob>> Claim(
+      const JobEdit& begin, const std::optional<WorkerCapacity>& worker) override {
     std::optional<ClaimedJob> claimed;
     const absl::Status status = Write([&](PostgresqlConnection& connection, SqlStatement& undo) {
+      constexpr char kFirst[] = " ORDER BY priority DESC, number LIMIT 1 FOR UPDATE SKIP LOCKED";
       const auto rows = connection.Run(
-          Select("state = $1 ORDER BY priority DESC, number LIMIT 1 FOR UPDATE SKIP LOCKED",
-                 {v1::JOB_STATE_PENDING}));
+          worker ? Select(absl::StrCat("state = $1 AND device = ANY (string_to_array($2, ','))"
+                                       " AND ranks <= $3 AND memory <= $4",
+                                       kFirst),
+                          {v1::JOB_STATE_PENDING, absl::StrJoin(worker->devices, ","),
+                           worker->ranks, worker->memory_bytes})
+                 : Select(absl::StrCat("state = $1", kFirst), {v1::JOB_STATE_PENDING}));
       if (!rows.ok()) return rows.status();
       if (rows->empty()) return absl::OkStatus();
       auto job = JobFrom(*rows, 0);
@@ -450,6 +465,43 @@ class SessionStore final : public PostgresqlStore, private serving::VersionLedge
     });
   }
 
+  absl::Status Report(const v1::Replica& replica) override {
+    return Write([&](Connection& connection, SqlStatement&) {
+      // Those that went without a word.
+      const auto gone =
+          connection.Run("DELETE FROM replicas WHERE seen < clock_timestamp() - interval '1 hour'");
+      if (!gone.ok()) return gone.status();
+      return connection
+          .Run(
+              "INSERT INTO replicas (id, seen, replica) VALUES ($1, clock_timestamp(), $2)"
+              " ON CONFLICT (id) DO UPDATE SET seen = excluded.seen, replica = excluded.replica",
+              {name_, SqlValue::Bytes(replica.SerializeAsString())})
+          .status();
+    });
+  }
+
+  absl::Status Leave() override {
+    return Write([&](Connection& connection, SqlStatement&) {
+      return connection.Run("DELETE FROM replicas WHERE id = $1", {name_}).status();
+    });
+  }
+
+  absl::StatusOr<std::vector<v1::Replica>> ListLive() override {
+    const auto rows =
+        Read({"SELECT replica FROM replicas"
+              " WHERE seen > clock_timestamp() - $1::int8 * interval '1 s'",
+              {kReplicaLife.count()}});
+    if (!rows.ok()) return rows.status();
+    std::vector<v1::Replica> live;
+    for (int row = 0; row < rows->count(); ++row) {
+      v1::Replica replica;
+      // A later release may write what this one cannot read.
+      if (replica.ParseFromString(rows->Bytes(row, 0))) live.push_back(std::move(replica));
+    }
+    std::ranges::sort(live, {}, [](const v1::Replica& each) { return each.name(); });
+    return live;
+  }
+
   absl::Status AddVersions(const std::vector<ModelVersionName>& names, int64_t state) {
     if (names.empty()) return absl::OkStatus();
     return Write([&](Connection& connection, SqlStatement&) {
@@ -544,6 +596,7 @@ class SessionStore final : public PostgresqlStore, private serving::VersionLedge
   }
 
   const std::string id_;
+  const std::string name_;  // of this server, among those that share the store
   const StoreUse use_;
   // Leases of earlier owners have smaller fences.
   const int64_t first_fence_;

@@ -130,7 +130,9 @@ class FileStore final : public SqliteStore {
     return ReplaceLocked(from, job);
   }
 
-  absl::StatusOr<std::optional<ClaimedJob>> Claim(const JobEdit& begin) override {
+  // The server that has this store is the only one: it takes any job.
+  absl::StatusOr<std::optional<ClaimedJob>> Claim(const JobEdit& begin,
+                                                  const std::optional<WorkerCapacity>&) override {
     const MutexLock lock(mutex_);
     auto pending = ListInStateLocked(v1::JOB_STATE_PENDING, 1);
     if (!pending.ok()) return pending.status();

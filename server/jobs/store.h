@@ -5,6 +5,7 @@
 #define MANEUVER_SERVER_JOBS_STORE_H_
 
 #include "server/jobs/job_store.h"
+#include "server/jobs/replica_registry.h"
 #include "server/serving/alias_store.h"
 #include "server/serving/version_ledger.h"
 
@@ -14,6 +15,8 @@ class Store : public JobStore, public serving::AliasStore {
  public:
   // Returns the ledger of versions; nullptr if no other server can ever use this store.
   virtual serving::VersionLedger* Ledger() { return nullptr; }
+  // Returns the list of the servers that share this store; nullptr if no other server uses it.
+  virtual ReplicaRegistry* Replicas() { return nullptr; }
 };
 
 }  // namespace maneuver::jobs

@@ -40,9 +40,10 @@ absl::StatusOr<std::unique_ptr<Supervisor>> Supervisor::Start(SupervisorOptions 
                                                               JobStore& store,
                                                               data::DatasetStore& datasets,
                                                               serving::ModelVersions& versions,
-                                                              monitoring::MetricRegistry& metrics) {
+                                                              monitoring::MetricRegistry& metrics,
+                                                              ReplicaRegistry* replicas) {
   std::unique_ptr<Supervisor> supervisor(
-      new Supervisor(std::move(options), store, datasets, versions, metrics));
+      new Supervisor(std::move(options), store, datasets, versions, metrics, replicas));
   if (absl::Status status = supervisor->Recover(); !status.ok()) return status;
   if (supervisor->IsShared()) {
     supervisor->keeper_ =
@@ -55,11 +56,13 @@ absl::StatusOr<std::unique_ptr<Supervisor>> Supervisor::Start(SupervisorOptions 
 }
 
 Supervisor::Supervisor(SupervisorOptions options, JobStore& store, data::DatasetStore& datasets,
-                       serving::ModelVersions& versions, monitoring::MetricRegistry& metrics)
+                       serving::ModelVersions& versions, monitoring::MetricRegistry& metrics,
+                       ReplicaRegistry* replicas)
     : options_(std::move(options)),
       store_(store),
       datasets_(datasets),
       versions_(versions),
+      replicas_(replicas),
       interruptions_(metrics.AddCounter("maneuver_job_interruptions_total",
                                         "Processes of jobs that died or were cut off.")),
       devices_(options_.trainer),
@@ -159,13 +162,21 @@ fs::path Supervisor::FolderOf(const std::string& name) const {
   return options_.folder / std::string(absl::StripPrefix(name, "jobs/"));
 }
 
+std::optional<WorkerCapacity> Supervisor::Capacity() {
+  if (options_.max_running_jobs == 0 || is_stopped_) return std::nullopt;
+  return WorkerCapacity{devices_.Usable(), options_.job_ranks, options_.job_memory};
+}
+
 void Supervisor::RunJobs(int slot) {
+  const std::optional<WorkerCapacity> capacity = IsShared() ? Capacity() : std::nullopt;
   MutexLock lock(mutex_);
   while (!stops_) {
     const auto before = std::chrono::steady_clock::now();
-    const auto claimed = store_.Claim([this](v1::Job& job) {
-      BeginAttempt(job, LatestAttemptFolder(FolderOf(job.name())), options_.now());
-    });
+    const auto claimed = store_.Claim(
+        [this](v1::Job& job) {
+          BeginAttempt(job, LatestAttemptFolder(FolderOf(job.name())), options_.now());
+        },
+        capacity);
     if (!claimed.ok()) {
       LogFailure("no job can be started", "", claimed.status());
       changed_.WaitFor(mutex_, kRetry);

@@ -8,8 +8,10 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <limits>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <thread>
 #include <vector>
@@ -21,6 +23,7 @@
 #include "absl/time/time.h"
 #include "locks/mutex.h"
 #include "maneuver/v1/training_service.pb.h"
+#include "maneuver/v1/training_settings.pb.h"
 #include "model/data/dataset_store.h"
 #include "server/jobs/checkpoints.h"
 #include "server/jobs/child_process.h"
@@ -29,7 +32,9 @@
 #include "server/jobs/job_store.h"
 #include "server/jobs/job_watch.h"
 #include "server/jobs/lease_keeper.h"
+#include "server/jobs/replica_registry.h"
 #include "server/jobs/training_devices.h"
+#include "server/jobs/worker_capacity.h"
 #include "server/monitoring/metrics.h"
 #include "server/serving/model_versions.h"
 
@@ -45,7 +50,11 @@ struct SupervisorOptions {
   JobLimits limits;
   CheckpointOptions checkpoints;
   int least_effective_actions = 0;
-  int max_running_jobs = 1;
+  int max_running_jobs = 1;  // 0: others run the jobs
+  // Most ranks and most memory of a job that this server takes, if others share the store. A server
+  // that is alone takes any job.
+  int64_t job_ranks = std::numeric_limits<int64_t>::max();
+  int64_t job_memory = std::numeric_limits<int64_t>::max();  // bytes
   int max_pending_jobs = 1'000;
   // Time from SIGTERM to SIGKILL for a job that is cancelled or interrupted by Stop.
   std::chrono::milliseconds patience{5'000};
@@ -65,10 +74,13 @@ class Supervisor {
   // CANCELLED if they were being cancelled, and removes what they left half-written. Removes the
   // folders of jobs that the store does not know. Then starts to run pending jobs. All references
   // must outlive the supervisor.
+  //   replicas: lists the servers that share the store, and must outlive the supervisor, too;
+  //     nullptr: there are no others
   static absl::StatusOr<std::unique_ptr<Supervisor>> Start(
       SupervisorOptions options, JobStore& store, data::DatasetStore& datasets,
       serving::ModelVersions& versions,
-      monitoring::MetricRegistry& metrics = monitoring::MetricRegistry::Null());
+      monitoring::MetricRegistry& metrics = monitoring::MetricRegistry::Null(),
+      ReplicaRegistry* replicas = nullptr);
   // Stops, if Stop was not called.
   ~Supervisor();
 
@@ -79,6 +91,10 @@ class Supervisor {
   void Stop();
   // Returns whether Stop has finished: no job continues before the next start.
   bool IsStopped() const { return is_stopped_; }
+
+  // Returns what this server has for jobs; nothing if it runs none, or none any more. May ask the
+  // trainer for its devices: see TrainingDevices.
+  std::optional<WorkerCapacity> Capacity();
 
   // Creates a PENDING job, or returns the existing job with the same request_id. Its settings are
   // resolved now (job_settings.h), and its train.start_from becomes the version that the reference
@@ -95,8 +111,9 @@ class Supervisor {
   // Creates a cross-validation job, as Train does.
   absl::StatusOr<v1::Job> CrossValidate(const v1::CrossValidateRequest& request);
 
+  // Returns a job. If it is PENDING, and no live server can run it, its error says why.
   absl::StatusOr<v1::Job> Get(const std::string& name);
-  // Lists jobs, newest first.
+  // Lists jobs, newest first, with the same errors.
   absl::StatusOr<JobPage> List(int page_size, const std::string& page_token);
   // Cancels a job. A pending job becomes CANCELLED at once. A running job is asked to stop and
   // stays RUNNING until its process is gone, even if the server dies in between; its checkpoints
@@ -122,7 +139,8 @@ class Supervisor {
 
  private:
   Supervisor(SupervisorOptions options, JobStore& store, data::DatasetStore& datasets,
-             serving::ModelVersions& versions, monitoring::MetricRegistry& metrics);
+             serving::ModelVersions& versions, monitoring::MetricRegistry& metrics,
+             ReplicaRegistry* replicas);
 
   absl::Status Recover();
   // Removes the folders of jobs that were deleted, or never got as far as the store.
@@ -138,6 +156,14 @@ class Supervisor {
   // Adds the memory that a job will take, if it was only validated.
   //   spec: the spec of its model
   absl::StatusOr<v1::Job> WithMemory(absl::StatusOr<v1::Job> job, const v1::ModelSpec& spec) const;
+  // Adds the memory to a job that other servers may run, for those that choose by it. What the job
+  // lacks shows when it is admitted.
+  //   complete: the job with complete settings
+  void AddNeed(const v1::Job& complete, const v1::ModelSpec& spec, v1::Job& job) const;
+  // INVALID_ARGUMENT if no server that could run the job has the device.
+  absl::Status CheckDevice(const v1::TrainingSettings& settings);
+  // Sets the error of PENDING jobs that no live server can run.
+  void ExplainWaiting(const std::vector<v1::Job*>& jobs) const;
   // FAILED_PRECONDITION if the job is no longer PENDING.
   absl::StatusOr<v1::Job> CancelPending(v1::Job job);
   absl::StatusOr<v1::Job> EarlierJob(const std::string& request_id, const std::string& digest,
@@ -163,6 +189,7 @@ class Supervisor {
   JobStore& store_;
   data::DatasetStore& datasets_;
   serving::ModelVersions& versions_;
+  ReplicaRegistry* const replicas_;
   std::map<v1::JobState, monitoring::Gauge*> gauges_;
   std::map<v1::JobState, monitoring::Counter*> ends_;  // of the states that end a job
   monitoring::Counter& interruptions_;

@@ -63,9 +63,7 @@ std::string NewJobId() {
 
 absl::StatusOr<v1::Job> Supervisor::Train(const v1::TrainRequest& request) {
   if (absl::Status status = CheckTrainRequest(request); !status.ok()) return status;
-  if (absl::Status status = devices_.Check(request.settings().device()); !status.ok()) {
-    return status;
-  }
+  if (absl::Status status = CheckDevice(request.settings()); !status.ok()) return status;
   const std::string digest = RequestDigest(request);
   v1::Job job;
   *job.mutable_train() = request;
@@ -84,8 +82,14 @@ absl::StatusOr<v1::Job> Supervisor::Train(const v1::TrainRequest& request) {
     job.mutable_train()->set_start_from(start->name.ToString());
     spec = manifest->spec();
   }
-  if (request.validate_only()) ShowEffective(spec, *job.mutable_train()->mutable_settings());
-  const v1::ModelSpec learned = job.train().settings().model();
+  v1::Job complete = job;
+  ShowEffective(spec, *complete.mutable_train()->mutable_settings());
+  const v1::ModelSpec learned = complete.train().settings().model();
+  if (request.validate_only()) {
+    job = std::move(complete);
+  } else {
+    AddNeed(complete, learned, job);
+  }
   return WithMemory(Admit(std::move(job), request.request_id(), digest, request.validate_only()),
                     learned);
 }
@@ -103,26 +107,29 @@ absl::StatusOr<v1::Job> Supervisor::Evaluate(const v1::EvaluateRequest& request)
   *job.mutable_evaluate() = request;
   job.mutable_evaluate()->set_model(model->name.ToString());
   v1::ModelSpec spec;
-  if (request.validate_only()) {
+  if (request.validate_only() || IsShared()) {
     const auto manifest = artifact::ReadModelManifest(model->folder);
     if (!manifest.ok()) return WithDefaultReason(manifest.status(), "MODEL_UNAVAILABLE");
     spec = manifest->spec();
   }
+  if (!request.validate_only()) AddNeed(v1::Job(job), spec, job);
   return WithMemory(Admit(std::move(job), request.request_id(), digest, request.validate_only()),
                     spec);
 }
 
 absl::StatusOr<v1::Job> Supervisor::CrossValidate(const v1::CrossValidateRequest& request) {
   if (absl::Status status = CheckCrossValidateRequest(request); !status.ok()) return status;
-  if (absl::Status status = devices_.Check(request.settings().device()); !status.ok()) {
-    return status;
-  }
+  if (absl::Status status = CheckDevice(request.settings()); !status.ok()) return status;
   v1::Job job;
   *job.mutable_cross_validate() = request;
+  v1::Job complete = job;
+  ShowEffective(std::nullopt, *complete.mutable_cross_validate()->mutable_settings());
+  const v1::ModelSpec learned = complete.cross_validate().settings().model();
   if (request.validate_only()) {
-    ShowEffective(std::nullopt, *job.mutable_cross_validate()->mutable_settings());
+    job = std::move(complete);
+  } else {
+    AddNeed(complete, learned, job);
   }
-  const v1::ModelSpec learned = job.cross_validate().settings().model();
   return WithMemory(
       Admit(std::move(job), request.request_id(), RequestDigest(request), request.validate_only()),
       learned);
@@ -135,6 +142,38 @@ absl::StatusOr<v1::Job> Supervisor::WithMemory(absl::StatusOr<v1::Job> job,
   if (!memory.ok()) return memory.status();
   *job->mutable_memory() = *std::move(memory);
   return job;
+}
+
+void Supervisor::AddNeed(const v1::Job& complete, const v1::ModelSpec& spec, v1::Job& job) const {
+  if (!IsShared()) return;
+  auto memory = EstimateMemory(complete, spec, datasets_, options_.limits.data_memory);
+  if (memory.ok()) *job.mutable_memory() = *std::move(memory);
+}
+
+absl::Status Supervisor::CheckDevice(const v1::TrainingSettings& settings) {
+  // Another server may have it: the job waits for one that does.
+  return IsShared() ? absl::OkStatus() : devices_.Check(settings.device());
+}
+
+void Supervisor::ExplainWaiting(const std::vector<v1::Job*>& jobs) const {
+  const auto is_pending = [](const v1::Job* job) { return job->state() == v1::JOB_STATE_PENDING; };
+  if (replicas_ == nullptr || std::ranges::none_of(jobs, is_pending)) return;
+  const auto live = replicas_->ListLive();
+  if (!live.ok()) return;
+  std::vector<WorkerCapacity> workers;
+  for (const v1::Replica& each : *live) {
+    if (!each.has_job_capacity()) continue;
+    const v1::JobCapacity& has = each.job_capacity();
+    workers.push_back(
+        {{has.devices().begin(), has.devices().end()}, has.ranks(), has.memory_bytes()});
+  }
+  for (v1::Job* job : jobs) {
+    if (!is_pending(job)) continue;
+    const std::string why = WhyNobodyRuns(NeedsOf(*job), workers);
+    if (why.empty()) continue;
+    *job->mutable_error() = errors::ToProto(errors::WithReason(
+        absl::FailedPreconditionError(absl::StrCat("no server can run it: ", why)), "NO_WORKER"));
+  }
 }
 
 absl::StatusOr<v1::Job> Supervisor::EarlierJob(const std::string& request_id,
@@ -205,13 +244,26 @@ absl::StatusOr<v1::Job> Supervisor::Admit(v1::Job job, const std::string& reques
   changed_.NotifyOne();
   CountJobs();
   Log(LogLevel::kInfo, "job created", {{"job", job.name()}});
+  ExplainWaiting({&job});
+  if (job.has_error()) {
+    Log(LogLevel::kWarning, "job waits", {{"job", job.name()}, {"reason", job.error().message()}});
+  }
   return job;
 }
 
-absl::StatusOr<v1::Job> Supervisor::Get(const std::string& name) { return store_.Get(name); }
+absl::StatusOr<v1::Job> Supervisor::Get(const std::string& name) {
+  auto job = store_.Get(name);
+  if (job.ok()) ExplainWaiting({&*job});
+  return job;
+}
 
 absl::StatusOr<JobPage> Supervisor::List(int page_size, const std::string& page_token) {
-  return store_.List(page_size, page_token);
+  auto page = store_.List(page_size, page_token);
+  if (!page.ok()) return page;
+  std::vector<v1::Job*> jobs;
+  for (v1::Job& job : page->jobs) jobs.push_back(&job);
+  ExplainWaiting(jobs);
+  return page;
 }
 
 absl::StatusOr<v1::Job> Supervisor::Cancel(const std::string& name) {

@@ -1,6 +1,10 @@
 #include "server/jobs/training_devices.h"
 
+#include <algorithm>
+#include <array>
 #include <chrono>
+#include <filesystem>
+#include <system_error>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
@@ -8,6 +12,12 @@
 #include "server/jobs/child_process.h"
 
 namespace maneuver::jobs {
+namespace {
+
+// Of the drivers for NVIDIA and AMD, and of Windows' Linux.
+constexpr std::array kGraphics = {"/dev/nvidiactl", "/dev/kfd", "/dev/dxg"};
+
+}  // namespace
 
 absl::Status TrainingDevices::Check(const std::string& device) {
   if (device.empty() || device == "cpu") return absl::OkStatus();
@@ -18,6 +28,17 @@ absl::Status TrainingDevices::Check(const std::string& device) {
       "settings.device",
       absl::StrCat("is \"", device, "\", which this server's trainer cannot use; it has ",
                    absl::StrJoin(*usable_, ", ")));
+}
+
+std::set<std::string> TrainingDevices::Usable() {
+  const std::set<std::string> cpu = {"cpu"};
+  std::error_code ignored;
+  const bool has_graphics = std::ranges::any_of(
+      kGraphics, [&](const char* device) { return std::filesystem::exists(device, ignored); });
+  if (!has_graphics) return cpu;
+  const MutexLock lock(mutex_);
+  if (!usable_) usable_ = Ask().value_or(cpu);
+  return *usable_;
 }
 
 std::optional<std::set<std::string>> TrainingDevices::Ask() const {

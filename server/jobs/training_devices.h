@@ -25,6 +25,9 @@ class TrainingDevices {
   // OK if it cannot be asked: the job itself then says what is wrong. May wait seconds, the first
   // time. Call it from a thread that lives as long as the server (RunChild).
   absl::Status Check(const std::string& device);
+  // Returns the devices that the trainer can use; "cpu" alone if it cannot be asked. Asks only on a
+  // machine that has a device of a graphics processor. Waits, and is to be called, as Check.
+  std::set<std::string> Usable();
 
  private:
   // Returns what the trainer lists; nothing if it does not answer.

@@ -19,20 +19,21 @@ monitoring::HttpPage LivenessPage(std::function<bool()> is_alive) {
 }
 
 monitoring::HttpPage ReadinessPage(
-    std::function<std::optional<bool>(std::string_view service)> is_serving) {
-  return {.path = "/readyz",
-          .make = [is_serving = std::move(is_serving)](std::string_view query) -> HttpAnswer {
-            std::string_view service = kPredictions;
-            if (!query.empty()) {
-              if (!query.starts_with(kServiceKey)) {
-                return {400, "ask for /readyz or /readyz?service=NAME\n"};
-              }
-              service = query.substr(kServiceKey.size());
-            }
-            const auto serving = is_serving(service);
-            if (!serving) return {404, "no such service\n"};
-            return *serving ? HttpAnswer{200, "SERVING\n"} : HttpAnswer{503, "NOT_SERVING\n"};
-          }};
+    std::function<std::optional<bool>(std::string_view service)> is_serving, bool predicts) {
+  return {
+      .path = "/readyz",
+      .make = [is_serving = std::move(is_serving), predicts](std::string_view query) -> HttpAnswer {
+        std::string_view service = predicts ? kPredictions : std::string_view();
+        if (!query.empty()) {
+          if (!query.starts_with(kServiceKey)) {
+            return {400, "ask for /readyz or /readyz?service=NAME\n"};
+          }
+          service = query.substr(kServiceKey.size());
+        }
+        const auto serving = is_serving(service);
+        if (!serving) return {404, "no such service\n"};
+        return *serving ? HttpAnswer{200, "SERVING\n"} : HttpAnswer{503, "NOT_SERVING\n"};
+      }};
 }
 
 }  // namespace maneuver

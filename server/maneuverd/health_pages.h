@@ -16,11 +16,12 @@ namespace maneuver {
 monitoring::HttpPage LivenessPage(std::function<bool()> is_alive);
 
 // Returns /readyz. It answers 200 if a service is SERVING, 503 if it is NOT_SERVING, 404 if there
-// is no such service. The service is predictions, or the one of the query "service=NAME";
-// "service=" means the server as a whole. 400 for another query.
+// is no such service. The service is that of the query "service=NAME"; "service=" means the server
+// as a whole. 400 for another query.
 //   is_serving: as rpc::Server::IsServing.
+//   predicts: without a query the service is predictions; if false, the server as a whole
 monitoring::HttpPage ReadinessPage(
-    std::function<std::optional<bool>(std::string_view service)> is_serving);
+    std::function<std::optional<bool>(std::string_view service)> is_serving, bool predicts = true);
 
 }  // namespace maneuver
 

@@ -2,8 +2,12 @@
 
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <string>
 #include <utility>
+
+#include "model/machine/usable_cores.h"
+#include "model/machine/usable_memory.h"
 
 namespace maneuver {
 namespace {
@@ -39,6 +43,17 @@ void AddJobOptions(CLI::App& app, JobOptions& options) {
       ->capture_default_str();
   app.add_option("--max-running-jobs", options.max_running, "Most jobs that run at the same time")
       ->check(CLI::Range(1, 64))
+      ->capture_default_str();
+  app.add_option("--job-ranks", options.ranks,
+                 "Most processes of a training job that this server takes, of several that share; "
+                 "0: one for each core, or any number with --trainer-command")
+      ->check(CLI::Range(0, 64))
+      ->capture_default_str();
+  app.add_option("--job-memory", options.memory,
+                 "Most memory of a job that this server takes, of several that share, such as "
+                 "24GiB; 0: the machine's by --max-running-jobs, or any with --trainer-command")
+      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
+      ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   app.add_option("--max-pending-jobs", options.max_pending,
                  "Most waiting jobs; above it new jobs are refused")
@@ -93,6 +108,18 @@ void AddJobOptions(CLI::App& app, JobOptions& options) {
          "Number of newest versions of each model to keep, beside those with an alias; 0: all")
       ->check(CLI::Range(0, 1'000'000))
       ->capture_default_str();
+}
+
+int64_t RanksForAJob(const JobOptions& options) {
+  if (options.ranks > 0) return options.ranks;
+  return options.trainer_command.empty() ? machine::UsableCores()
+                                         : std::numeric_limits<int64_t>::max();
+}
+
+int64_t MemoryForAJob(const JobOptions& options) {
+  if (options.memory > 0) return options.memory;
+  return options.trainer_command.empty() ? machine::UsableMemory() / options.max_running
+                                         : std::numeric_limits<int64_t>::max();
 }
 
 }  // namespace maneuver

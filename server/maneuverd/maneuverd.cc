@@ -18,6 +18,8 @@
 #include <utility>
 #include <vector>
 
+#include "absl/status/status.h"
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "absl/synchronization/mutex.h"
 #include "absl/time/clock.h"
@@ -25,7 +27,9 @@
 #include "model/data/dataset_store.h"
 #include "model/files/durable_file.h"
 #include "model/kernels/kernel_choice.h"
+#include "server/errors/error_details.h"
 #include "server/jobs/open_store.h"
+#include "server/jobs/replica_report.h"
 #include "server/jobs/retention.h"
 #include "server/jobs/supervisor.h"
 #include "server/maneuverd/data_lock.h"
@@ -46,6 +50,7 @@
 #include "server/rpc/outcome_service.h"
 #include "server/rpc/prediction_admission.h"
 #include "server/rpc/prediction_service.h"
+#include "server/rpc/replica_service.h"
 #include "server/rpc/server.h"
 #include "server/rpc/training_service.h"
 #include "server/rpc/worker_pool.h"
@@ -113,10 +118,15 @@ jobs::SupervisorOptions SupervisorOptionsFor(const ServerOptions& options) {
   supervisor.limits = options.jobs.limits;
   supervisor.checkpoints = options.jobs.checkpoints;
   supervisor.least_effective_actions = options.jobs.least_effective_actions;
-  supervisor.max_running_jobs = options.jobs.max_running;
+  supervisor.max_running_jobs = RunsJobs(options.role) ? options.jobs.max_running : 0;
+  supervisor.job_ranks = RanksForAJob(options.jobs);
+  supervisor.job_memory = MemoryForAJob(options.jobs);
   supervisor.max_pending_jobs = options.jobs.max_pending;
-  // A trainer that ignores SIGTERM must not hold up the server's own end.
-  supervisor.patience = std::min(supervisor.patience, options.shutdown_timeout);
+  // A trainer that ignores SIGTERM must not hold up the end of a server that others call. Where
+  // nobody calls, its last checkpoint comes first.
+  supervisor.patience = options.role == Role::kWork
+                            ? options.shutdown_timeout
+                            : std::min(supervisor.patience, options.shutdown_timeout);
   return supervisor;
 }
 
@@ -146,7 +156,52 @@ absl::StatusOr<std::unique_ptr<monitoring::HttpPages>> ServePages(
   return monitoring::HttpPages::Serve(
       options.metrics_listen->ToString(),
       {monitoring::MetricsPage(metrics), LivenessPage([&server] { return server.IsAlive(); }),
-       ReadinessPage([&server](std::string_view service) { return server.IsServing(service); })});
+       ReadinessPage([&server](std::string_view service) { return server.IsServing(service); },
+                     Predicts(options.role))});
+}
+
+// What the calls end with that need a model in memory.
+absl::Status RefusalOfPredictions(Role role) {
+  if (Predicts(role)) return absl::OkStatus();
+  return errors::WithReason(
+      absl::FailedPreconditionError(
+          absl::StrCat("this server has --role ", std::string(RoleName(role)),
+                       " and answers no predictions; ask one that has --role serve or --role all")),
+      "PREDICTIONS_ELSEWHERE");
+}
+
+v1::ReplicaRole RoleInContract(Role role) {
+  switch (role) {
+    case Role::kApi:
+      return v1::REPLICA_ROLE_API;
+    case Role::kServe:
+      return v1::REPLICA_ROLE_SERVE;
+    case Role::kWork:
+      return v1::REPLICA_ROLE_WORK;
+    default:
+      return v1::REPLICA_ROLE_ALL;
+  }
+}
+
+// Returns what the other servers are to know of this one.
+v1::Replica DescribeReplica(const ServerOptions& options, const serving::ServingTable& models,
+                            jobs::Supervisor& supervisor) {
+  v1::Replica replica;
+  replica.set_name(options.replica_name);
+  replica.set_role(RoleInContract(options.role));
+  for (const serving::ModelAlias& alias : models.Loaded()) {
+    v1::ModelAlias& loaded = *replica.add_loaded();
+    loaded.set_name(alias.name.ToString());
+    loaded.set_model_version(
+        security::ModelVersionName{alias.name.model, alias.version}.ToString());
+  }
+  if (const auto capacity = supervisor.Capacity()) {
+    v1::JobCapacity& has = *replica.mutable_job_capacity();
+    has.mutable_devices()->Assign(capacity->devices.begin(), capacity->devices.end());
+    has.set_ranks(capacity->ranks);
+    has.set_memory_bytes(capacity->memory_bytes);
+  }
+  return replica;
 }
 
 absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
@@ -175,18 +230,19 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
       [engine = options.engine](const std::filesystem::path& folder) {
         return inference::ActionModel::Load(folder, engine);
       },
-      {}, *metrics);
+      {.serves = Predicts(options.role)}, *metrics);
   if (!models.ok()) return models.status();
 
   // Outlives the calls, which hold shares of it.
   serving::SendMemory send_memory(options.sends, *metrics);
   serving::BatchScheduler scheduler(options.scheduler, *metrics);
   serving::LocalModelVersions job_versions(**versions, **models);
-  const auto supervisor = jobs::Supervisor::Start(SupervisorOptionsFor(options), **store,
-                                                  **datasets, job_versions, *metrics);
+  const auto supervisor =
+      jobs::Supervisor::Start(SupervisorOptionsFor(options), **store, **datasets, job_versions,
+                              *metrics, (*store)->Replicas());
   if (!supervisor.ok()) return supervisor.status();
   serving::VersionUploads version_uploads(options.data_dir / "models", **versions, **models,
-                                          options.datasets.keep_uploads);
+                                          options.datasets.keep_uploads, options.is_shared);
   jobs::Retention retention(options.jobs.retention, **supervisor, job_versions);
   retention.AlsoSweep([&datasets] {
     return (*datasets)->RemoveAbandonedUploads(std::filesystem::file_time_type::clock::now());
@@ -200,7 +256,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   serving::MapCache maps(options.maps, *metrics);
   const scene::ScenarioLimits limits{.map_by_id = true};
   std::shared_ptr<serving::Shadow> shadow;
-  if (options.shadow.fraction > 0.0) {
+  if (options.shadow.fraction > 0.0 && Predicts(options.role)) {
     shadow = std::make_shared<serving::Shadow>(
         options.shadow, **models, [&scheduler] { return scheduler.HasWaiting(); }, *metrics);
   }
@@ -218,6 +274,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   rpc::PredictionService predictions(context);
   security::AccessControl& access = (*protection)->access();
   rpc::ModelService model_service(**versions, **models, version_uploads, disk, access);
+  rpc::ReplicaService replica_service((*store)->Replicas(), disk);
   rpc::DatasetService dataset_service(**datasets, **supervisor, disk, access);
   rpc::TrainingService training_service(**supervisor, disk, access);
   serving::OutcomeMetrics outcome_metrics(*metrics);
@@ -225,18 +282,21 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   rpc::OutcomeService outcome_service(context, outcome_metrics, scoring);
   rpc::AdminService admin_service;
 
-  auto server = rpc::Server::Start(options.listen,
-                                   {{v1::PredictionService::service_full_name(), &predictions,
-                                     [&scheduler](auto method, auto deadline, const auto& request) {
-                                       return rpc::CheckWait(scheduler, method, deadline, request);
-                                     }},
-                                    {v1::OutcomeService::service_full_name(), &outcome_service},
-                                    {v1::ModelService::service_full_name(), &model_service},
-                                    {v1::DatasetService::service_full_name(), &dataset_service},
-                                    {v1::TrainingService::service_full_name(), &training_service},
-                                    {v1::AdminService::service_full_name(), &admin_service}},
-                                   (*protection)->access(), *metrics, (*protection)->credentials(),
-                                   options.limits);
+  const absl::Status refusal = RefusalOfPredictions(options.role);
+  auto server = rpc::Server::Start(
+      options.listen,
+      {{v1::PredictionService::service_full_name(), &predictions,
+        [&scheduler](auto method, auto deadline, const auto& request) {
+          return rpc::CheckWait(scheduler, method, deadline, request);
+        },
+        refusal},
+       {v1::OutcomeService::service_full_name(), &outcome_service, {}, refusal},
+       {v1::ModelService::service_full_name(), &model_service},
+       {v1::DatasetService::service_full_name(), &dataset_service},
+       {v1::TrainingService::service_full_name(), &training_service},
+       {v1::ReplicaService::service_full_name(), &replica_service},
+       {v1::AdminService::service_full_name(), &admin_service}},
+      (*protection)->access(), *metrics, (*protection)->credentials(), options.limits);
   if (!server.ok()) return server.status();
   const auto pages = ServePages(options, *metrics, **server);
   if (!pages.ok()) return pages.status();
@@ -258,6 +318,10 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
 
   // Health turns to SERVING with the first model; until then calls say what is missing.
   (*models)->OnReadyChange([&](bool ready) { (*server)->SetPredictionsReady(ready); });
+  std::optional<jobs::ReplicaReport> report;
+  if (jobs::ReplicaRegistry* replicas = (*store)->Replicas()) {
+    report.emplace(*replicas, [&] { return DescribeReplica(options, **models, **supervisor); });
+  }
   StopLatch stop_following;
   std::thread loader([&] {
     Serve(options.serve, **models);
@@ -276,6 +340,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   const auto refusing = std::chrono::system_clock::now() + options.shutdown_delay;
   (*server)->TurnHealth();
   (*supervisor)->Stop();
+  report.reset();  // the others no longer count on this server
   // Who balances needs a moment to see that: until then nobody is turned away.
   std::this_thread::sleep_until(refusing);
   predictions.Drain();

@@ -1,7 +1,10 @@
 #include "server/maneuverd/options.h"
 
+#include <unistd.h>
+
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <iostream>
 #include <map>
@@ -22,6 +25,8 @@ namespace {
 
 constexpr int kUsageError = 2;
 
+const std::map<std::string, Role> kRoles = {
+    {"all", Role::kAll}, {"api", Role::kApi}, {"serve", Role::kServe}, {"work", Role::kWork}};
 const std::map<std::string, inference::Precision> kPrecisions = {
     {"auto", inference::Precision::kAuto},
     {"bf16", inference::Precision::kBf16},
@@ -35,6 +40,11 @@ const std::map<std::string, monitoring::LogLevel> kLogLevels = {
     {"info", monitoring::LogLevel::kInfo},
     {"warning", monitoring::LogLevel::kWarning},
     {"error", monitoring::LogLevel::kError}};
+
+std::string HostName() {
+  std::array<char, 256> name{};
+  return gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "";
+}
 
 std::filesystem::path BesideThisProgram(const char* name) {
   std::error_code error;
@@ -195,6 +205,7 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
   double shutdown_timeout_s = 10.0;
   std::string dataset_folders;
   std::string serve;
+  std::string role = "all";
   std::string precision = "auto";
   std::string kernel_choice = "auto";
   std::string log_format = "text";
@@ -233,6 +244,14 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
   app.add_flag("--shared", options.is_shared,
                "Share the data folder and the database of --store with other servers, which do so, "
                "too");
+  app.add_option("--role", role,
+                 "What this server is for, of several that share: serve answers predictions, work "
+                 "runs jobs, all does both, api neither; each answers all other calls")
+      ->check(CLI::IsMember(kRoles))
+      ->capture_default_str();
+  app.add_option("--replica-name", options.replica_name,
+                 "Name that \"maneuver model show\" gives to this server, of several that share; "
+                 "without it the name of the machine");
   app.add_option("--listen", listen, "HOST:PORT for gRPC; port 0 picks a free one")
       ->capture_default_str();
   app.add_option(
@@ -401,6 +420,13 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
     return refuse("", absl::FailedPreconditionError(
                           "--shared needs --store: the servers agree by its database"));
   }
+  options.role = kRoles.at(role);
+  if (options.role != Role::kAll && !options.is_shared) {
+    return refuse(
+        "", absl::FailedPreconditionError(absl::StrCat(
+                "--role ", role, " needs --shared: other servers do what this one leaves out")));
+  }
+  if (options.replica_name.empty()) options.replica_name = HostName();
   options.datasets.is_shared = options.is_shared;
   auto folders = ParseFolders(dataset_folders);
   if (!folders.ok()) return refuse("--dataset-folders: ", folders.status());

@@ -14,6 +14,7 @@
 #include "model/inference/action_model.h"
 #include "model/kernels/kernel_choice.h"
 #include "server/maneuverd/job_options.h"
+#include "server/maneuverd/role.h"
 #include "server/monitoring/logging.h"
 #include "server/rpc/server.h"
 #include "server/security/access_control.h"
@@ -31,6 +32,8 @@ struct ServerOptions {
   std::filesystem::path data_dir;
   std::string store;       // a URI of PostgreSQL; empty: the embedded store of the data folder
   bool is_shared = false;  // other servers use store and data folder, too
+  Role role = Role::kAll;
+  std::string replica_name;  // for people, among servers that share
   security::ListenAddress listen;
   std::optional<security::ListenAddress> metrics_listen;  // nothing: no metrics page
   std::filesystem::path port_file;                        // empty: none

@@ -15,6 +15,7 @@
 #include <string_view>
 #include <vector>
 
+#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "server/security/access_control.h"
 
@@ -33,6 +34,9 @@ struct NamedService {
                              std::chrono::system_clock::time_point deadline,
                              const grpc::ByteBuffer& request)>
       worth = {};
+  // If this is an error, every call of a caller who is admitted ends with it, and health says
+  // NOT_SERVING.
+  absl::Status refusal = {};
 };
 
 // Register it instead of the service that it guards. The generated code has no place for such a

@@ -96,7 +96,11 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(
     builder.RegisterService(guarded.emplace_back(*std::move(guard)).get());
   }
   std::vector<std::string> names;
-  for (const NamedService& service : services) names.emplace_back(service.name);
+  std::vector<std::string> refused;
+  for (const NamedService& service : services) {
+    names.emplace_back(service.name);
+    if (!service.refusal.ok()) refused.emplace_back(service.name);
+  }
   auto reflection = std::make_unique<ReflectionService>(names);
   builder.RegisterService(reflection.get());
   std::vector<std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface>> interceptors;
@@ -112,18 +116,20 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(
   for (const std::string& name : names) health->SetServingStatus(name, true);
   health->SetServingStatus("", true);
   health->SetServingStatus(kPredictionService, false);
-  return std::unique_ptr<Server>(new Server(std::move(server), {address.host, port},
-                                            std::move(names), std::move(guarded),
-                                            std::move(reflection), std::move(credentials)));
+  for (const std::string& name : refused) health->SetServingStatus(name, false);
+  return std::unique_ptr<Server>(
+      new Server(std::move(server), {address.host, port}, std::move(names), std::move(refused),
+                 std::move(guarded), std::move(reflection), std::move(credentials)));
 }
 
 Server::Server(std::unique_ptr<grpc::Server> server, security::ListenAddress address,
-               std::vector<std::string> names,
+               std::vector<std::string> names, std::vector<std::string> refused,
                std::vector<std::unique_ptr<GuardedService>> services,
                std::unique_ptr<ReflectionService> reflection,
                std::shared_ptr<grpc::ServerCredentials> credentials)
     : address_(std::move(address)),
       names_(std::move(names)),
+      refused_(std::move(refused)),
       services_(std::move(services)),
       reflection_(std::move(reflection)),
       credentials_(std::move(credentials)),
@@ -143,6 +149,7 @@ void Server::TurnHealth() {
 
 std::optional<bool> Server::IsServing(std::string_view service) const {
   if (!service.empty() && std::ranges::find(names_, service) == names_.end()) return std::nullopt;
+  if (std::ranges::find(refused_, service) != refused_.end()) return false;
   return !health_turned_ && (service != kPredictionService || predictions_ready_);
 }
 

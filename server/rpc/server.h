@@ -49,7 +49,8 @@ struct ConnectionLimits {
 class Server {
  public:
   // Listens and answers. At first every service, and the server as a whole (""), is SERVING, except
-  // PredictionService, which is NOT_SERVING until SetPredictionsReady.
+  // PredictionService, which is NOT_SERVING until SetPredictionsReady, and services with a refusal,
+  // which stay NOT_SERVING.
   //   services: must outlive the server, as must `access`, which admits their calls.
   //   credentials: nullptr for plain text.
   // UNAVAILABLE if it cannot listen there; INTERNAL if the contract lacks one of the services.
@@ -83,12 +84,14 @@ class Server {
 
  private:
   Server(std::unique_ptr<grpc::Server> server, security::ListenAddress address,
-         std::vector<std::string> names, std::vector<std::unique_ptr<GuardedService>> services,
+         std::vector<std::string> names, std::vector<std::string> refused,
+         std::vector<std::unique_ptr<GuardedService>> services,
          std::unique_ptr<ReflectionService> reflection,
          std::shared_ptr<grpc::ServerCredentials> credentials);
 
   const security::ListenAddress address_;
-  const std::vector<std::string> names_;  // of the services
+  const std::vector<std::string> names_;    // of the services
+  const std::vector<std::string> refused_;  // of those that answer no call
   // The states that grpc.health.v1 was told; gRPC does not return them.
   std::atomic<bool> predictions_ready_ = false;
   std::atomic<bool> health_turned_ = false;

@@ -60,6 +60,8 @@ constexpr MethodRole kMethodRoles[] = {
     {"/maneuver.v1.TrainingService/ResumeJob", Role::kTrain},
     {"/maneuver.v1.TrainingService/DeleteJob", Role::kAdmin},
 
+    {"/maneuver.v1.ReplicaService/ListReplicas", Role::kPredict},
+
     {"/maneuver.v1.AdminService/GetLogLevel", Role::kAdmin},
     {"/maneuver.v1.AdminService/SetLogLevel", Role::kAdmin},
 };

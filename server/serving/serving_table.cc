@@ -75,17 +75,22 @@ bool ServingTable::Ready() const {
 
 void ServingTable::NotifyReady() {
   std::map<ModelAliasName, int> loaded;
-  {
-    const MutexLock lock(mutex_);
-    for (const auto& [name, version] : aliases_) {
-      if (resident_.contains({name.model, version})) loaded[name] = version;
-    }
-  }
+  for (const ModelAlias& alias : Loaded()) loaded[alias.name] = alias.version;
   metrics_.Show(loaded);
   if (listener_) listener_(Ready());
 }
 
+std::vector<ModelAlias> ServingTable::Loaded() const {
+  std::vector<ModelAlias> loaded;
+  const MutexLock lock(mutex_);
+  for (const auto& [name, version] : aliases_) {
+    if (resident_.contains({name.model, version})) loaded.push_back({name, version});
+  }
+  return loaded;
+}
+
 void ServingTable::LoadAliased() {
+  if (!options_.serves) return;
   std::set<ModelVersionName> wanted;
   {
     const MutexLock lock(mutex_);
@@ -137,8 +142,12 @@ bool ServingTable::FollowAlias(const ModelAliasName& name, int version) {
   {
     const MutexLock lock(mutex_);
     const auto found = aliases_.find(name);
-    const bool is_loaded = resident_.contains(wanted);
-    if (found != aliases_.end() && found->second == version && is_loaded) return false;
+    const bool is_there = found != aliases_.end() && found->second == version;
+    if (is_there && (resident_.contains(wanted) || !options_.serves)) return false;
+    if (!options_.serves) {
+      aliases_[name] = version;
+      return true;
+    }
   }
   const auto now = std::chrono::steady_clock::now();
   const auto retry = retry_at_.find(wanted);
@@ -337,10 +346,12 @@ void ServingTable::MakeResidentLocked(const ModelHandle& handle,
 
   std::vector<std::pair<uint64_t, ModelVersionName>> unaliased;
   for (const auto& [name, resident] : resident_) {
-    if (AliasesOfLocked(name).empty()) unaliased.emplace_back(resident.last_used, name);
+    if (!options_.serves || AliasesOfLocked(name).empty())
+      unaliased.emplace_back(resident.last_used, name);
   }
   std::ranges::sort(unaliased);
-  const size_t keep = static_cast<size_t>(options_.max_unaliased_in_memory);
+  const size_t keep =
+      options_.serves ? static_cast<size_t>(options_.max_unaliased_in_memory) : size_t{0};
   for (size_t i = 0; i + keep < unaliased.size(); ++i) {
     const auto found = resident_.find(unaliased[i].second);
     dropped.push_back(std::move(found->second.handle));

@@ -44,6 +44,9 @@ struct ServingTableOptions {
   // How many versions without an alias stay in memory, because a request named them by number or an
   // alias has just moved on. Above this number the least recently used is dropped.
   int max_unaliased_in_memory = 2;
+  // Whether versions stay in memory at all. Otherwise each is loaded when it is to be checked, and
+  // freed after that; aliases are kept and followed in the same way, and Ready stays false.
+  bool serves = true;
 };
 
 // Safe to use from any thread. Functions marked "may take long" read weights from disk; do not call
@@ -87,6 +90,8 @@ class ServingTable {
   absl::StatusOr<security::ModelVersionName> Resolve(
       const std::optional<security::ModelReference>& reference) const;
 
+  // Returns the aliases whose versions are in memory, with these versions.
+  std::vector<ModelAlias> Loaded() const;
   // Returns the ids of the aliases that point to a version, sorted.
   std::vector<std::string> AliasesOf(const security::ModelVersionName& name) const;
   // Returns the version that serves a model, if one does.

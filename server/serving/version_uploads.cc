@@ -129,12 +129,12 @@ class ReceivedVersion final : public VersionUpload {
 }  // namespace
 
 VersionUploads::VersionUploads(fs::path folder, VersionStore& versions, ServingTable& table,
-                               std::chrono::seconds keep)
+                               std::chrono::seconds keep, bool is_shared)
     : folder_(std::move(folder)),
       versions_(versions),
       table_(table),
       keep_(keep),
-      staging_(std::make_shared<files::UploadStaging>(folder_)) {}
+      staging_(std::make_shared<files::UploadStaging>(folder_, is_shared)) {}
 
 absl::Status VersionUploads::CheckRoom(uint64_t wanted, uint64_t arrived, uint64_t missing) const {
   std::error_code error;

@@ -44,9 +44,10 @@ class VersionUploads {
   // Opens the staging folder of uploads.
   //   folder: the folder of all models that `versions` was opened with
   //   versions, table: `table` must be the table of `versions`; both must outlive this object
+  //   is_shared: other servers use the folder, too
   //   keep: an interrupted upload is removed this long after its last byte arrived; 0: never
   VersionUploads(std::filesystem::path folder, VersionStore& versions, ServingTable& table,
-                 std::chrono::seconds keep);
+                 std::chrono::seconds keep, bool is_shared = false);
 
   // Begins or continues an upload. Only bytes that this caller sent count as arrived.
   //   header: its files must be valid (ValidateVersionFiles), and arrived_bytes must fit them.

@@ -65,6 +65,7 @@ const std::map<std::string, std::string> kExpectedRoles = {
     {"/maneuver.v1.TrainingService/CancelJob", "train"},
     {"/maneuver.v1.TrainingService/ResumeJob", "train"},
     {"/maneuver.v1.TrainingService/DeleteJob", "admin"},
+    {"/maneuver.v1.ReplicaService/ListReplicas", "predict"},
     {"/maneuver.v1.AdminService/GetLogLevel", "admin"},
     {"/maneuver.v1.AdminService/SetLogLevel", "admin"},
 };

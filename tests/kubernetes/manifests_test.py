@@ -67,7 +67,8 @@ class Overlay:
 class ManifestsTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        cls.overlays = [Overlay(path.name) for path in sorted(OVERLAYS.iterdir()) if path.name != "training"]
+        cls.overlays = [Overlay(path.name) for path in sorted(OVERLAYS.iterdir())
+                        if path.name not in ("shared", "shared-store", "training")]
         assert [o.name for o in cls.overlays] == ["fleet", "fleet-tls", "one-node"]
 
     def for_each(self):
@@ -216,6 +217,157 @@ class ManifestsTest(unittest.TestCase):
                 server.terminate()
                 server.wait(60)
                 log.close()
+
+
+class SharedTest(unittest.TestCase):
+    """The overlay with servers of several roles over one database and one volume."""
+
+    ROLES = ("api", "serve", "work")
+
+    @classmethod
+    def setUpClass(cls):
+        cls.objects = render("shared")
+        cls.names = {(o["kind"], o["metadata"]["name"]) for o in cls.objects}
+        cls.deployments = {o["metadata"]["name"].removeprefix("maneuverd-"): o["spec"]
+                           for o in cls.objects if o["kind"] == "Deployment"}
+        cls.job = render("shared-store")[0]["spec"]["template"]
+
+    def of_kind(self, kind):
+        return [o for o in self.objects if o["kind"] == kind]
+
+    def for_each(self):
+        for role in self.ROLES:
+            with self.subTest(role):
+                deployment = self.deployments[role]
+                yield role, deployment, deployment["template"]["spec"], deployment["template"]["spec"]["containers"][0]
+
+    def settings(self, pod, server):
+        """What the server reads: its file, and above that the variables."""
+        maps = {o["metadata"]["name"]: o["data"] for o in self.of_kind("ConfigMap")}
+        file = next(v["configMap"]["name"] for v in pod["volumes"] if v["name"] == "configuration")
+        variables = dict(maps[server["envFrom"][0]["configMapRef"]["name"]])
+        variables.update({v["name"]: v["value"] for v in server["env"]})
+        return maps[file]["maneuverd.conf"], variables
+
+    def test_each_role_is_a_deployment_that_shares_store_and_volume(self):
+        self.assertEqual(set(self.deployments), set(self.ROLES))
+        for role, deployment, pod, server in self.for_each():
+            _, variables = self.settings(pod, server)
+            self.assertEqual(variables["MANEUVERD_ROLE"], role)
+            self.assertEqual(variables["MANEUVERD_SHARED"], "true")
+            volumes = {v["name"]: v for v in pod["volumes"]}
+            self.assertEqual({m["name"] for m in server["volumeMounts"]}, set(volumes))
+            claim = volumes["data"]["persistentVolumeClaim"]["claimName"]
+            self.assertIn(("PersistentVolumeClaim", claim), self.names)
+            secret = next(m for m in server["volumeMounts"] if m["name"] == "store")
+            self.assertTrue(variables["PGSERVICEFILE"].startswith(secret["mountPath"] + "/"))
+            self.assertIn("service=", variables["MANEUVERD_STORE"])
+            self.assertEqual(server["image"].split("/")[1].split(":")[0],
+                             "maneuverd-trainer" if role == "work" else "maneuverd")
+            self.assertEqual(deployment["strategy"]["rollingUpdate"], {"maxUnavailable": 0, "maxSurge": 1})
+            self.assertEqual(server["readinessProbe"]["httpGet"], {"path": "/readyz", "port": "metrics"})
+        claim, = self.of_kind("PersistentVolumeClaim")
+        self.assertEqual(claim["spec"]["accessModes"], ["ReadWriteMany"])
+
+    def test_selectors_find_the_pods_of_their_role(self):
+        labels = {role: d["template"]["metadata"]["labels"].items() for role, d in self.deployments.items()}
+        for role, deployment, _, _ in self.for_each():
+            selectors = [deployment["selector"]["matchLabels"]]
+            selectors += [o["spec"]["selector"] for o in self.of_kind("Service") if o["metadata"]["name"].endswith(role)]
+            selectors += [o["spec"]["selector"]["matchLabels"] for o in self.of_kind("PodDisruptionBudget")
+                          if o["metadata"]["name"].endswith(role)]
+            self.assertGreaterEqual(len(selectors), 3)
+            for selector in selectors:
+                self.assertEqual([r for r in self.ROLES if selector.items() <= labels[r]], [role])
+
+    def test_the_policy_lets_all_roles_reach_the_database_and_callers_reach_them(self):
+        policy, = self.of_kind("NetworkPolicy")
+        chosen = policy["spec"]["podSelector"]["matchLabels"].items()
+        for deployment in self.deployments.values():
+            self.assertLessEqual(chosen, deployment["template"]["metadata"]["labels"].items())
+        self.assertLessEqual(chosen, self.job["metadata"]["labels"].items())
+        self.assertIn(5432, [port["port"] for rule in policy["spec"]["egress"] for port in rule["ports"]])
+        self.assertEqual(policy["spec"]["ingress"][0]["from"],
+                         [{"podSelector": {"matchLabels": {"maneuver.v1/caller": "true"}}}])
+        for service in self.of_kind("Service"):  # a Job is no server
+            self.assertFalse(service["spec"]["selector"].items() <= self.job["metadata"]["labels"].items())
+
+    def test_a_pod_has_time_to_drain(self):
+        for _, _, pod, server in self.for_each():
+            configuration, variables = self.settings(pod, server)
+            settings = settings_of(configuration)
+            delay = int(variables.get("MANEUVERD_SHUTDOWN_DELAY", settings["shutdown-delay"]))
+            timeout = int(variables.get("MANEUVERD_SHUTDOWN_TIMEOUT", settings["shutdown-timeout"]))
+            self.assertGreaterEqual(pod["terminationGracePeriodSeconds"], delay + 2 * timeout + PRESTOP_AND_CHECKPOINT_S)
+
+    def test_pods_have_no_rights_to_spare(self):
+        for pod in [*(d["template"]["spec"] for d in self.deployments.values()), self.job["spec"]]:
+            self.assertIs(pod["enableServiceLinks"], False)
+            self.assertIs(pod["automountServiceAccountToken"], False)
+            self.assertEqual(pod["securityContext"]["runAsUser"], USER)
+            self.assertEqual(pod["containers"][0]["securityContext"], {"allowPrivilegeEscalation": False,
+                                                                       "readOnlyRootFilesystem": True,
+                                                                       "capabilities": {"drop": ["ALL"]}})
+
+    def test_the_server_takes_its_configuration(self):
+        if options.maneuverd is None:
+            self.skipTest("without --maneuverd")
+        for role, _, pod, server in self.for_each():
+            configuration, variables = self.settings(pod, server)
+            self.assertIn(f"role = {role}", printed(configuration, variables).replace('"', ""))
+
+
+def printed(configuration, variables):
+    """The settings of a server with this file and these variables."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = pathlib.Path(folder) / "maneuverd.conf"
+        file.write_text(configuration)
+        done = subprocess.run([options.maneuverd, "--config", file, "--print-config"], capture_output=True, text=True,
+                              env=dict(os.environ, **variables))
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+
+class ComposeTest(unittest.TestCase):
+    """deploy/compose/shared.yaml with its HAProxy, as far as that goes without Docker."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = REPOSITORY / "deploy" / "compose"
+        cls.composition = yaml.safe_load((cls.folder / "shared.yaml").read_text())
+        cls.services = cls.composition["services"]
+        cls.proxy = (cls.folder / "haproxy.cfg").read_text()
+
+    def test_whatever_is_named_is_there(self):
+        for name, service in self.services.items():
+            for needed in service.get("depends_on", []):
+                self.assertIn(needed, self.services, name)
+            for volume in service.get("volumes", []):
+                source = volume.split(":")[0]
+                if source.startswith("."):
+                    self.assertTrue((self.folder / source).exists(), source)
+                else:
+                    self.assertIn(source, self.composition["volumes"])
+        backends = dict(re.findall(r"^ +server (\S+) (\S+)$", self.proxy, re.MULTILINE))
+        self.assertEqual(set(backends.values()), {f"{name}:{GRPC_PORT}" for name in ("serve-1", "serve-2", "work")})
+        predictions = self.proxy[self.proxy.index("backend predictions"):self.proxy.index("backend management")]
+        self.assertNotIn("server work", predictions)
+
+    def test_the_servers_take_their_configuration(self):
+        if options.maneuverd is None:
+            self.skipTest("without --maneuverd")
+        for name in ("serve-1", "serve-2", "work"):
+            with self.subTest(name):
+                settings = printed("", self.services[name]["environment"])
+                self.assertIn("shared = true", settings)
+                self.assertIn(f"role = {name.split('-')[0]}", settings.replace('"', ""))
+
+    def test_haproxy_takes_its_configuration(self):
+        haproxy = shutil.which("haproxy", path="/usr/sbin:" + os.environ["PATH"])
+        if haproxy is None:
+            self.skipTest("without haproxy")
+        done = subprocess.run([haproxy, "-c", "-f", self.folder / "haproxy.cfg"], capture_output=True, text=True)
+        self.assertEqual(done.returncode, 0, done.stderr)
 
 
 class TrainingTest(unittest.TestCase):

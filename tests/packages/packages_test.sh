@@ -103,6 +103,7 @@ of_unit() { sed -n "s/^$1=//p" "$unit"; }
 shutdown=$(sed -n 's/^shutdown-timeout = //p' stage/etc/maneuver/maneuverd.conf)
 [ "$(of_unit TimeoutStopSec)" -ge $((2 * shutdown + 15)) ] || wrong "systemd kills it before its shutdown-timeout of $shutdown s"
 [ "$(of_unit OOMPolicy)" = continue ] || wrong "a trainer that is killed for memory would take the server with it"
+grep -qx 'Environment=MANEUVERD_ROLE=%i' "${unit%.service}@.service" || wrong "the template gives no role"
 [ "$(of_unit KillMode)" = mixed ] || wrong "a stop would end trainers behind the server's back"
 if command -v systemd-analyze >/dev/null; then
   systemd-analyze security --offline=true --threshold=20 "$unit" >security || { cat security; wrong "exposure"; }
@@ -110,6 +111,10 @@ if command -v systemd-analyze >/dev/null; then
   sed "s|=/usr/bin/maneuverd|=$work/stage/usr/bin/maneuverd|" "$unit" >maneuverd.service
   said=$(systemd-analyze verify --man=no --recursive-errors=no ./maneuverd.service 2>&1) || true
   [ -z "$said" ] || wrong "systemd-analyze verify: $said"
+  sed "s|=/usr/bin/maneuverd|=$work/stage/usr/bin/maneuverd|" "${unit%.service}@.service" >maneuverd@.service
+  cp maneuverd@.service maneuverd@serve.service
+  said=$(systemd-analyze verify --man=no --recursive-errors=no ./maneuverd@serve.service 2>&1) || true
+  [ -z "$said" ] || wrong "systemd-analyze verify of the template: $said"
 else
   echo "systemd-analyze is not here: how far the unit is closed was not looked at"
 fi

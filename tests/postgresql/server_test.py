@@ -141,8 +141,9 @@ class Server:
 
 
 def command(options, data, ports, *flags):
+    interval = () if "--checkpoint-interval" in flags else ("--checkpoint-interval", "0.1")
     return [options.maneuverd, "--data-dir", data, "--trainer", options.trainer, "--listen", "127.0.0.1:0",
-            "--metrics-listen", "127.0.0.1:0", "--port-file", ports, "--checkpoint-interval", "0.1", *flags]
+            "--metrics-listen", "127.0.0.1:0", "--port-file", ports, *interval, *flags]
 
 
 def refusal(options, data, *flags):
@@ -164,9 +165,9 @@ def move(options, work, server, cluster):
     check("maneuverd store copy" in refusal(options, data, "--store", uri), "a folder with jobs is not served yet")
     check("maneuverd store migrate" in store(options, "copy", *flags).stderr, "tables have to be made first")
     made = store(options, "migrate", "--store", uri)
-    check(made.stdout == "made a store with schema version 2\n", made.stdout + made.stderr)
+    check(made.stdout == "made a store with schema version 3\n", made.stdout + made.stderr)
     again = store(options, "migrate", "--store", uri)
-    check(again.stdout == "the store has schema version 2 already\n", again.stdout + again.stderr)
+    check(again.stdout == "the store has schema version 3 already\n", again.stdout + again.stderr)
     copied = store(options, "copy", *flags)
     check(copied.returncode == 0 and copied.stdout.startswith("copied 1 job (1 succeeded), "),
           copied.stdout + copied.stderr)

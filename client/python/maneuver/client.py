@@ -164,6 +164,13 @@ class Client(Predictor):
             v1.ModelVersion, self._connection.models.GetModelVersion,
             v1.GetModelVersionRequest(name=name), timeout)
 
+    def list_replicas(self, *, timeout: Optional[float] = None) -> Sequence[v1.Replica]:
+        """Returns the servers that share a store, with the versions that each has loaded."""
+        answer = self._manage(
+            v1.ListReplicasResponse, self._connection.replicas.ListReplicas,
+            v1.ListReplicasRequest(), timeout)
+        return answer.replicas
+
     def delete_model_version(self, name: str, *, timeout: Optional[float] = None) -> None:
         """Removes a version. Refused while an alias points to it."""
         self._delete(

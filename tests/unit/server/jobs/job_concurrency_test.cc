@@ -39,9 +39,10 @@ class RecordingStore : public JobStore {
     const std::lock_guard lock(mutex_);
     return Keep({Change::Kind::kMove, from, job}, store_.Move(from, job));
   }
-  absl::StatusOr<std::optional<ClaimedJob>> Claim(const JobEdit& begin) override {
+  absl::StatusOr<std::optional<ClaimedJob>> Claim(
+      const JobEdit& begin, const std::optional<WorkerCapacity>& worker) override {
     const std::lock_guard lock(mutex_);
-    auto claimed = store_.Claim(begin);
+    auto claimed = store_.Claim(begin, worker);
     if (claimed.ok() && *claimed) {
       changes_.push_back({Change::Kind::kMove, v1::JOB_STATE_PENDING, (*claimed)->job});
     }

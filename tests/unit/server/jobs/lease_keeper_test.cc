@@ -37,7 +37,10 @@ class LeasingStore final : public JobStore {
   }
   absl::StatusOr<int64_t> CountInState(v1::JobState) override { return No(); }
   absl::Status Move(v1::JobState, const v1::Job&) override { return No(); }
-  absl::StatusOr<std::optional<ClaimedJob>> Claim(const JobEdit&) override { return No(); }
+  absl::StatusOr<std::optional<ClaimedJob>> Claim(const JobEdit&,
+                                                  const std::optional<WorkerCapacity>&) override {
+    return No();
+  }
   absl::Status Finish(const JobLease&, const JobEdit&) override { return No(); }
   absl::StatusOr<std::vector<v1::Job>> TakeAbandoned(const JobEdit&) override { return No(); }
   absl::StatusOr<v1::Job> RequestCancel(const std::string&) override { return No(); }

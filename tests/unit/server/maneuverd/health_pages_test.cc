@@ -32,5 +32,12 @@ TEST(HealthPagesTest, ReadinessMeansPredictionsUnlessTheQueryNamesAService) {
   EXPECT_EQ(page.make("verbose").status, 400);
 }
 
+TEST(HealthPagesTest, AServerWithoutPredictionsIsReadyAsAWhole) {
+  const auto page = ReadinessPage(
+      [](std::string_view service) { return std::optional(service.empty()); }, /*predicts=*/false);
+  EXPECT_EQ(page.make("").status, 200);
+  EXPECT_EQ(page.make("service=maneuver.v1.PredictionService").status, 503);
+}
+
 }  // namespace
 }  // namespace maneuver::health_pages_test

@@ -12,6 +12,8 @@
 #include <vector>
 
 #include "absl/strings/str_split.h"
+#include "model/machine/usable_cores.h"
+#include "model/machine/usable_memory.h"
 #include "tests/unit/temporary_folder.h"
 
 namespace maneuver::options_test {
@@ -72,6 +74,41 @@ TEST_F(OptionsTest, TheEnvironmentCanNameTheFileAndTurnFlagsOff) {
   const Outcome off = Parse({}, {"MANEUVERD_CONFIG=" + file, "MANEUVERD_INSECURE=false"});
   EXPECT_TRUE(off.refused());
   EXPECT_THAT(off.err, HasSubstr("--listen"));
+}
+
+TEST_F(OptionsTest, ARoleNeedsServersThatShare) {
+  EXPECT_EQ(Parse({"--data-dir", "d"}).options().role, Role::kAll);
+  const Outcome alone = Parse({"--data-dir", "d", "--role", "serve"});
+  EXPECT_TRUE(alone.refused());
+  EXPECT_THAT(alone.err, HasSubstr("--role serve needs --shared"));
+  const std::vector<std::string> shared = {"--data-dir", "d", "--store", "postgresql:///m",
+                                           "--shared"};
+  const auto with = [&](const std::string& role) {
+    std::vector<std::string> arguments = shared;
+    arguments.insert(arguments.end(), {"--role", role});
+    return Parse(std::move(arguments));
+  };
+  EXPECT_EQ(with("api").options().role, Role::kApi);
+  EXPECT_EQ(with("work").options().role, Role::kWork);
+  EXPECT_TRUE(with("worker").refused());
+  const std::string file = Write("m.conf", "role = serve\nreplica-name = left\n");
+  std::vector<std::string> arguments = shared;
+  arguments.insert(arguments.end(), {"--config", file});
+  EXPECT_EQ(Parse(arguments).options().role, Role::kServe);
+  EXPECT_EQ(Parse(arguments).options().replica_name, "left");
+}
+
+TEST_F(OptionsTest, AJobMayHaveWhatTheMachineHasUnlessTheOptionsSayOtherwise) {
+  const auto jobs = [](std::vector<std::string> arguments) {
+    arguments.insert(arguments.end(), {"--data-dir", "d"});
+    return Parse(arguments).options().jobs;
+  };
+  EXPECT_EQ(RanksForAJob(jobs({})), machine::UsableCores());
+  EXPECT_EQ(MemoryForAJob(jobs({"--max-running-jobs", "4"})), machine::UsableMemory() / 4);
+  EXPECT_EQ(RanksForAJob(jobs({"--job-ranks", "3"})), 3);
+  EXPECT_EQ(MemoryForAJob(jobs({"--job-memory", "24GiB"})), int64_t{24} << 30);
+  // The ranks run elsewhere.
+  EXPECT_GE(RanksForAJob(jobs({"--trainer-command", "srun -n{ranks}"})), 64);
 }
 
 TEST_F(OptionsTest, DatasetFoldersAreAbsolutePaths) {

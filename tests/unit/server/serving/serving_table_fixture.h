@@ -43,7 +43,7 @@ class ServingTableTest : public ::testing::Test {
           }
           return std::make_shared<FakeActionModel>(networks_);
         },
-        {.max_unaliased_in_memory = 1}, *table_metrics_);
+        {.max_unaliased_in_memory = 1, .serves = serves_}, *table_metrics_);
     ASSERT_TRUE(opened.ok()) << opened.status();
     table_ = *std::move(opened);
     table_->LoadAliased();
@@ -85,6 +85,7 @@ class ServingTableTest : public ::testing::Test {
   const TemporaryFolder folder_;
   MemoryAliasStore aliases_;
   FakeNetworks networks_;
+  bool serves_ = true;  // from the next start on
   int loads_ = 0;
   int finished_ = 0;
   std::unique_ptr<VersionStore> store_;

@@ -161,6 +161,29 @@ TEST_F(ServingTableTest, FollowsAliasesThatAnotherServerMovesAddsAndRemoves) {
   EXPECT_FALSE(table_->Ready());
 }
 
+TEST_F(ServingTableTest, ATableThatDoesNotServeKeepsAliasesButNoModel) {
+  serves_ = false;
+  Restart();
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("town").ok());
+  EXPECT_EQ(aliases_.GetAlias({"town", "serving"}).value(), 1);
+  EXPECT_EQ(table_->Serving("town"), (ModelVersionName{"town", 1}));
+  EXPECT_TRUE(table_->SetAlias({"town", "serving"}, 2).ok());
+  aliases_.aliases[{"town", "candidate"}] = 1;
+  const int before = loads_;
+  table_->Follow();
+  table_->LoadAliased();
+  EXPECT_EQ(loads_, before);
+  EXPECT_EQ(*table_->Resolve(Alias("town", "candidate")), (ModelVersionName{"town", 1}));
+  EXPECT_THAT(table_->Loaded(), testing::IsEmpty());
+  EXPECT_EQ(Answers(Alias("town", "serving")), 0);
+  EXPECT_FALSE(table_->Ready());
+  // What serves is checked all the same.
+  std::ofstream(folder_ / "models/town/1/weights.safetensors") << "altered";
+  EXPECT_FALSE(table_->SetAlias({"town", "serving"}, 1).ok());
+  EXPECT_EQ(aliases_.GetAlias({"town", "serving"}).value(), 2);
+}
+
 TEST_F(ServingTableTest, AnAliasThatMovedToAVersionWhichCannotBeLoadedStaysWhereItWas) {
   ASSERT_TRUE(Publish("town").ok());
   ASSERT_TRUE(Publish("town").ok());

@@ -1,0 +1,29 @@
+#ifndef MANEUVER_SERVER_RPC_REPLICA_SERVICE_H_
+#define MANEUVER_SERVER_RPC_REPLICA_SERVICE_H_
+
+#include "maneuver/v1/replica_service.grpc.pb.h"
+#include "server/jobs/replica_registry.h"
+#include "server/rpc/worker_pool.h"
+
+namespace maneuver::rpc {
+
+// Lists the servers that share a store.
+class ReplicaService final : public v1::ReplicaService::CallbackService {
+ public:
+  // Arguments must outlive the service. Defined in the .cc, as is the destructor: see AdminService.
+  //   replicas: nullptr if this server shares no store
+  ReplicaService(jobs::ReplicaRegistry* replicas, WorkerPool& pool);
+  ~ReplicaService() override;
+
+  grpc::ServerUnaryReactor* ListReplicas(grpc::CallbackServerContext* rpc,
+                                         const v1::ListReplicasRequest* request,
+                                         v1::ListReplicasResponse* response) override;
+
+ private:
+  jobs::ReplicaRegistry* const replicas_;
+  WorkerPool& pool_;
+};
+
+}  // namespace maneuver::rpc
+
+#endif  // MANEUVER_SERVER_RPC_REPLICA_SERVICE_H_
