@@ -164,9 +164,9 @@ def move(options, work, server, cluster):
     check("maneuverd store copy" in refusal(options, data, "--store", uri), "a folder with jobs is not served yet")
     check("maneuverd store migrate" in store(options, "copy", *flags).stderr, "tables have to be made first")
     made = store(options, "migrate", "--store", uri)
-    check(made.stdout == "made a store with schema version 2\n", made.stdout + made.stderr)
+    check(made.stdout == "made a store with schema version 3\n", made.stdout + made.stderr)
     again = store(options, "migrate", "--store", uri)
-    check(again.stdout == "the store has schema version 2 already\n", again.stdout + again.stderr)
+    check(again.stdout == "the store has schema version 3 already\n", again.stdout + again.stderr)
     copied = store(options, "copy", *flags)
     check(copied.returncode == 0 and copied.stdout.startswith("copied 1 job (1 succeeded), "),
           copied.stdout + copied.stderr)
