@@ -18,9 +18,12 @@ inline absl::Status ToStatus(const grpc::Status& status) {
 
 // Converts the end of a call that may be repeated. CANCELLED without the caller's doing becomes
 // UNAVAILABLE: the server was stopping when the call came (gRPC reports it so), or a proxy lost its
-// server.
+// server. So does an answer that ended without a status, because a proxy lost its server in the
+// middle of it: gRPC calls that UNKNOWN, "Stream removed".
 inline absl::Status ToRetriable(const grpc::Status& status, const Cancellation* callers) {
-  if (status.error_code() != grpc::StatusCode::CANCELLED ||
+  const bool has_no_status = status.error_code() == grpc::StatusCode::UNKNOWN &&
+                             status.error_message() == "Stream removed";
+  if ((status.error_code() != grpc::StatusCode::CANCELLED && !has_no_status) ||
       (callers != nullptr && callers->cancelled())) {
     return ToStatus(status);
   }

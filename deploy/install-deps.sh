@@ -46,7 +46,7 @@ esac
   # deploy/packages: systemd says how far the unit is closed
   systemd
   # --store postgresql://
-  postgresql-15 postgresql-client-15 libpq5
+  postgresql-15 postgresql-client-15 libpq5 bindfs
   # the dashboard, the alerts, Compose
   prometheus docker-compose)
 # A kubectl that is there may be of another package, which Debian's cannot be installed beside.

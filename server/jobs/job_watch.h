@@ -17,8 +17,17 @@
 
 namespace maneuver::jobs {
 
-// Tells listeners that a job has news. Each listener reads the news from the store at its own pace,
-// so a slow one never delays the job or the others. Safe to use from any thread.
+// What one read of the store found out about a job.
+struct JobRead {
+  int64_t after_sequence = 0;
+  int limit = 0;
+  v1::Job job;  // as it was before its events were read: if it had ended, all of them are there
+  std::vector<v1::JobProgress> events;  // after `after_sequence`, at most `limit`
+};
+
+// Tells listeners that a job has news. Each listener reads the news at its own pace, so a slow one
+// never delays the job or the others. Listeners who are equally far share one read of the store.
+// Safe to use from any thread.
 class JobNews {
  public:
   // A subscription lasts until it is destroyed. Its destructor waits for a call in progress.
@@ -45,21 +54,30 @@ class JobNews {
   // Tells the listeners of every job.
   void PublishAll();
 
+  // Returns the jobs that have listeners.
+  std::vector<std::string> Watched();
+
+  // Reads a job and its events from the store. A listener of the job gets what another one read, if
+  // there was no news since. Errors: those of Get.
+  absl::StatusOr<std::shared_ptr<const JobRead>> Read(JobStore& store, const std::string& job,
+                                                      int64_t after_sequence, int limit);
+
  private:
   using Listeners = std::vector<std::shared_ptr<Subscription::Listener>>;
+  struct Topic;  // a job that has listeners
   static void Tell(const Listeners& listeners);
 
   Mutex mutex_;
-  std::multimap<std::string, std::shared_ptr<Subscription::Listener>> listeners_
-      ABSL_GUARDED_BY(mutex_);
+  std::map<std::string, std::shared_ptr<Topic>> topics_ ABSL_GUARDED_BY(mutex_);  // by job
 };
 
 // Reads a job's events after a cursor. Every reader with the same cursor gets the same sequence,
 // whenever it starts: one RUNNING job for each event, then the ended job once. Not thread-safe.
 class JobEventReader {
  public:
-  JobEventReader(JobStore& store, std::string job, int64_t after_sequence)
-      : store_(store), job_(std::move(job)), cursor_(after_sequence) {}
+  //   news: shares what this reader reads with the job's listeners
+  JobEventReader(JobStore& store, JobNews& news, std::string job, int64_t after_sequence)
+      : store_(store), news_(news), job_(std::move(job)), cursor_(after_sequence) {}
 
   // Returns at most `limit` events that came since the last call; empty if there is nothing new, or
   // at the end. Errors: those of JobStore, such as NOT_FOUND for a job that was deleted.
@@ -69,6 +87,7 @@ class JobEventReader {
 
  private:
   JobStore& store_;
+  JobNews& news_;
   const std::string job_;
   int64_t cursor_;
   bool at_end_ = false;

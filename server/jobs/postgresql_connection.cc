@@ -108,10 +108,11 @@ absl::StatusOr<std::unique_ptr<PostgresqlConnection>> PostgresqlConnection::Open
       connection, [](void*, const PGresult*) {}, nullptr);
   // The server ends a session whose client is gone, so that its lock does not stay. A commit that
   // is acknowledged has reached the disk. Each statement has an index, and uses it even where
-  // statistics are missing or old.
+  // statistics are missing or old. A scan of the one row of `store` then looks so costly that
+  // PostgreSQL would compile it, which takes seconds on a busy machine.
   absl::Status status = opened->RunScript(
       "SET default_transaction_isolation = 'read committed';"
-      "SET idle_in_transaction_session_timeout = '30s'; SET enable_seqscan = off;"
+      "SET idle_in_transaction_session_timeout = '30s'; SET enable_seqscan = off; SET jit = off;"
       "SET tcp_keepalives_idle = 5; SET tcp_keepalives_interval = 2; SET tcp_keepalives_count = 3;"
       "SELECT set_config('synchronous_commit', 'on', false)"
       " WHERE current_setting('synchronous_commit') = 'off'");

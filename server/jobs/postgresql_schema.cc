@@ -56,7 +56,9 @@ constexpr char kVersion2[] = R"sql(
   CREATE INDEX versions_by_state ON versions (state, model, version);
 )sql";
 
+// `schema_version` is SchemaVersion::needed since: a release of before reads it alone.
 constexpr char kVersion3[] = R"sql(
+  ALTER TABLE store ADD COLUMN latest_version BIGINT;  -- SchemaVersion::latest
   ALTER TABLE jobs                             -- what they need of a server
     ADD COLUMN device TEXT NOT NULL DEFAULT 'cpu',
     ADD COLUMN ranks BIGINT NOT NULL DEFAULT 1,
@@ -84,73 +86,101 @@ absl::Status TakeLock(PostgresqlConnection& connection, const SqlStatement& lock
   }
 }
 
-absl::Status MigrateFrom(PostgresqlConnection& connection, int version,
-                         const std::vector<std::string>& migrations) {
-  for (size_t next = static_cast<size_t>(version); next < migrations.size(); ++next) {
-    if (absl::Status status = connection.RunScript(migrations[next]); !status.ok()) return status;
+// Returns how many of `steps` a server has to know after all of them.
+int Needed(const std::vector<SchemaStep>& steps) {
+  size_t needed = steps.size();
+  while (needed > 0 && steps[needed - 1].is_addition) --needed;
+  return static_cast<int>(needed);
+}
+
+// Runs the steps that the tables lack, in a transaction, and returns the version of before.
+absl::StatusOr<SchemaVersion> RunSteps(PostgresqlConnection& connection,
+                                       const std::vector<SchemaStep>& steps) {
+  // One after the other. A server that uses the tables does not wait for long.
+  if (const auto locked =
+          connection.Run("SELECT set_config('lock_timeout', '2s', true) FROM pg_advisory_xact_lock("
+                         "hashtextextended('maneuver ' || current_schema() || ' steps', 0))");
+      !locked.ok()) {
+    return locked.status();
   }
-  // A server that has the store open notices that it is another one now.
-  return connection
-      .Run("UPDATE store SET schema_version = $1, epoch = epoch + 1",
-           {static_cast<int64_t>(migrations.size())})
-      .status();
+  const auto version = ReadSchemaVersion(connection);
+  if (!version.ok()) return version.status();
+  const auto latest = static_cast<int64_t>(steps.size());
+  if (version->latest >= latest) return *version;
+  for (auto next = static_cast<size_t>(version->latest); next < steps.size(); ++next) {
+    if (absl::Status status = connection.RunScript(steps[next].script); !status.ok()) return status;
+  }
+  // After other steps, a server that has the store open notices that it is another one now.
+  const auto written = connection.Run(
+      "UPDATE store SET schema_version = $1, latest_version = $2, epoch = epoch + $3",
+      {Needed(steps), latest, IsAddition(*version, steps) ? 0 : 1});
+  if (!written.ok()) return written.status();
+  return *version;
 }
 
 }  // namespace
 
-const std::vector<std::string>& StoreMigrations() {
-  static const auto* const migrations =
-      new std::vector<std::string>{kVersion1, kVersion2, kVersion3};
-  return *migrations;
+const std::vector<SchemaStep>& StoreMigrations() {
+  static const auto* const steps =
+      new std::vector<SchemaStep>{{kVersion1}, {kVersion2}, {kVersion3, /*is_addition=*/true}};
+  return *steps;
 }
 
-absl::StatusOr<int> SchemaVersion(PostgresqlConnection& connection) {
+absl::StatusOr<SchemaVersion> ReadSchemaVersion(PostgresqlConnection& connection) {
   // Only the tables of the schema that new ones would be made in.
   const auto table = connection.Run(
       "SELECT 1::int8 FROM pg_tables WHERE schemaname = current_schema() AND tablename = 'store'");
   if (!table.ok()) return table.status();
-  if (table->empty()) return 0;
-  const auto version = connection.Run("SELECT schema_version FROM store");
+  if (table->empty()) return SchemaVersion();
+  // Versions 1 and 2 have no such column.
+  const auto version = connection.Run(
+      "SELECT schema_version,"
+      " coalesce((to_jsonb(store) ->> 'latest_version')::int8, schema_version) FROM store");
   if (!version.ok()) return version.status();
   if (version->empty()) {
     return absl::DataLossError("the job store: the table store has no row");
   }
-  return static_cast<int>(version->Int(0, 0));
+  return SchemaVersion{.latest = static_cast<int>(version->Int(0, 1)),
+                       .needed = static_cast<int>(version->Int(0, 0))};
+}
+
+bool IsAddition(const SchemaVersion& version, const std::vector<SchemaStep>& steps) {
+  return version.latest > 0 && Needed(steps) <= version.latest;
 }
 
 absl::Status CheckSchema(PostgresqlConnection& connection) {
-  const auto version = SchemaVersion(connection);
+  const auto version = ReadSchemaVersion(connection);
   if (!version.ok()) return version.status();
-  const auto latest = static_cast<int>(StoreMigrations().size());
-  if (*version == latest) return absl::OkStatus();
-  if (*version == 0) {
+  const auto known = static_cast<int>(StoreMigrations().size());
+  if (version->needed <= known && version->latest >= known) return absl::OkStatus();
+  if (version->latest == 0) {
     return absl::FailedPreconditionError(
         "the database of --store holds no store yet; make one with: maneuverd store migrate");
   }
-  if (*version < latest) {
+  if (version->latest < known) {
     return absl::FailedPreconditionError(absl::StrCat(
-        "the store has schema version ", *version, ", and this server needs version ", latest,
-        "; stop the servers that use it, back the database up, and run: maneuverd store migrate"));
+        "the store has schema version ", version->latest, ", and this server needs version ", known,
+        IsAddition(*version, StoreMigrations())
+            ? "; back the database up, and run (servers that share the store may go on): "
+            : "; stop the servers that use it, back the database up, and run: ",
+        "maneuverd store migrate"));
   }
   return absl::FailedPreconditionError(
-      absl::StrCat("the store has schema version ", *version, "; this server knows version ",
-                   latest, ": run the release that wrote it, or restore a back-up of before"));
+      absl::StrCat("the store has schema version ", version->needed, "; this server knows version ",
+                   known, ": run the release that wrote it, or restore a back-up of before"));
 }
 
-absl::StatusOr<int> Migrate(PostgresqlConnection& connection,
-                            const std::vector<std::string>& migrations) {
-  const auto version = SchemaVersion(connection);
-  if (!version.ok()) return version.status();
-  const auto latest = static_cast<int>(migrations.size());
-  if (*version > latest) return CheckSchema(connection);
-  if (*version == latest) return *version;
+absl::StatusOr<SchemaVersion> Migrate(PostgresqlConnection& connection,
+                                      const std::vector<SchemaStep>& steps) {
   if (absl::Status status = connection.RunScript("BEGIN"); !status.ok()) return status;
-  absl::Status status = MigrateFrom(connection, *version, migrations);
+  const auto version = RunSteps(connection, steps);
+  absl::Status status = version.status();
   if (status.ok()) status = connection.RunScript("COMMIT");
   if (!status.ok()) {
     connection.RunScript("ROLLBACK").IgnoreError();
     return status;
   }
+  if (version->needed > static_cast<int>(steps.size())) return CheckSchema(connection);
   return *version;
 }
 

@@ -14,20 +14,40 @@
 
 namespace maneuver::jobs {
 
-// Returns the scripts that make the tables of a store. Script i turns version i into version i + 1;
-// in version 0 there are no tables. Released scripts never change.
-const std::vector<std::string>& StoreMigrations();
+// A step from one version of the tables to the next.
+struct SchemaStep {
+  std::string script;
+  // Servers that do not know the step may use the tables after it, and may be using them while it
+  // is made: it adds a table, an index, or a column that they need not fill.
+  bool is_addition = false;
+};
 
-// Returns the version of the tables; 0 if there are none. DATA_LOSS if the tables do not say it.
-absl::StatusOr<int> SchemaVersion(PostgresqlConnection& connection);
+// Returns the steps that make the tables of a store. Step i turns version i into version i + 1; in
+// version 0 there are no tables. Released steps never change.
+const std::vector<SchemaStep>& StoreMigrations();
 
-// FAILED_PRECONDITION, with what to do, unless the tables have the latest version.
+struct SchemaVersion {
+  int latest = 0;  // how many steps the tables have had; 0: there are none
+  int needed = 0;  // how many of them a server has to know: those after it are additions
+
+  bool operator==(const SchemaVersion&) const = default;
+};
+
+// Returns the version of the tables. DATA_LOSS if the tables do not say it.
+absl::StatusOr<SchemaVersion> ReadSchemaVersion(PostgresqlConnection& connection);
+
+// FAILED_PRECONDITION, with what to do, unless the tables have all steps of StoreMigrations and,
+// beyond them, additions alone.
 absl::Status CheckSchema(PostgresqlConnection& connection);
 
-// Brings the tables from their version to the last of `migrations`, wholly or not at all, and
-// returns the version that they had. FAILED_PRECONDITION if theirs is later.
-absl::StatusOr<int> Migrate(PostgresqlConnection& connection,
-                            const std::vector<std::string>& migrations);
+// Brings the tables from their version to the last of `steps`, wholly or not at all, and returns
+// the version that they had. FAILED_PRECONDITION if theirs is later. Servers that share the store
+// may be using it if IsAddition says so.
+absl::StatusOr<SchemaVersion> Migrate(PostgresqlConnection& connection,
+                                      const std::vector<SchemaStep>& steps);
+
+// Returns whether the tables exist and the steps that they lack are additions.
+bool IsAddition(const SchemaVersion& version, const std::vector<SchemaStep>& steps);
 
 // How long a starting server or command waits for the store's previous owner. By then PostgreSQL
 // has noticed that the owner was stopped or killed, or that its connection was cut.

@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "absl/strings/str_replace.h"
 #include "locks/mutex.h"
 #include "server/jobs/job_state.h"
 #include "server/jobs/postgresql_session.h"
@@ -52,6 +53,19 @@ absl::Status Replace(PostgresqlConnection& connection, SqlStatement& undo, const
       .Run("UPDATE jobs SET state = $1, fence = $2, job = $3 WHERE name = $4",
            {job.state(), fence, SqlValue::Bytes(StoredJob(job)), job.name()})
       .status();
+}
+
+// Returns an array of texts as PostgreSQL reads it.
+std::string ArrayOf(const std::vector<std::string>& texts) {
+  return absl::StrCat(
+      "{",
+      absl::StrJoin(texts, ",",
+                    [](std::string* array, const std::string& text) {
+                      absl::StrAppend(array, "\"",
+                                      absl::StrReplaceAll(text, {{"\\", "\\\\"}, {"\"", "\\\""}}),
+                                      "\"");
+                    }),
+      "}");
 }
 
 constexpr char kSelectAliases[] = "SELECT model, alias, version, digest FROM aliases";
@@ -305,6 +319,21 @@ class SessionStore final : public PostgresqlStore,
       events.push_back(*std::move(event));
     }
     return events;
+  }
+
+  absl::StatusOr<std::vector<JobPosition>> ListPositions(
+      const std::vector<std::string>& names) override {
+    const auto rows =
+        Read({"SELECT name, state, coalesce((SELECT max(sequence) FROM progress"
+              " WHERE job_number = number), 0) FROM jobs WHERE name = ANY ($1::text[])",
+              {ArrayOf(names)}});
+    if (!rows.ok()) return rows.status();
+    std::vector<JobPosition> positions;
+    for (int row = 0; row < rows->count(); ++row) {
+      positions.push_back(
+          {rows->Bytes(row, 0), static_cast<v1::JobState>(rows->Int(row, 1)), rows->Int(row, 2)});
+    }
+    return positions;
   }
 
   absl::Status Delete(const std::string& name) override {

@@ -225,6 +225,22 @@ class FileStore final : public SqliteStore {
     }
   }
 
+  absl::StatusOr<std::vector<JobPosition>> ListPositions(
+      const std::vector<std::string>& names) override {
+    const MutexLock lock(mutex_);
+    std::vector<JobPosition> positions;
+    for (const std::string& name : names) {
+      Statement select(database_,
+                       "SELECT state, COALESCE((SELECT MAX(sequence) FROM progress "
+                       "WHERE job_number = number), 0) FROM jobs WHERE name = ?");
+      const auto row = select.Bind(name).Step();
+      if (!row.ok()) return row.status();
+      if (!*row) continue;
+      positions.push_back({name, static_cast<v1::JobState>(select.Int(0)), select.Int(1)});
+    }
+    return positions;
+  }
+
   absl::Status Delete(const std::string& name) override {
     const MutexLock lock(mutex_);
     const auto job = GetLocked(name);

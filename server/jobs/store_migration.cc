@@ -1,5 +1,6 @@
 #include "server/jobs/store_migration.h"
 
+#include <algorithm>
 #include <chrono>
 
 #include "server/jobs/postgresql_connection.h"
@@ -15,12 +16,17 @@ constexpr std::chrono::seconds kMigrationPatience{3'600};
 absl::StatusOr<StoreMigration> MigrateStore(const std::string& address) {
   const auto connection = PostgresqlConnection::Open(address);
   if (!connection.ok()) return connection.status();
-  absl::Status status = LockStore(**connection, StoreUse::kAlone, kPatienceForPredecessor);
+  const auto before = ReadSchemaVersion(**connection);
+  if (!before.ok()) return before.status();
+  const StoreUse use =
+      IsAddition(*before, StoreMigrations()) ? StoreUse::kShared : StoreUse::kAlone;
+  absl::Status status = LockStore(**connection, use, kPatienceForPredecessor);
   if (status.ok()) status = (*connection)->SetPatience(kMigrationPatience);
   if (!status.ok()) return status;
   const auto from = Migrate(**connection, StoreMigrations());
   if (!from.ok()) return from.status();
-  return StoreMigration{*from, static_cast<int>(StoreMigrations().size())};
+  return StoreMigration{from->latest,
+                        std::max(from->latest, static_cast<int>(StoreMigrations().size()))};
 }
 
 }  // namespace maneuver::jobs

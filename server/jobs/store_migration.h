@@ -15,7 +15,8 @@ struct StoreMigration {
 };
 
 // Brings the tables in the database of `address` to the latest version, wholly or not at all.
-// FAILED_PRECONDITION if theirs is later, UNAVAILABLE if a server uses the store.
+// FAILED_PRECONDITION if theirs is later. UNAVAILABLE if a server uses the store, unless it shares
+// it and the tables lack additions alone (SchemaStep).
 absl::StatusOr<StoreMigration> MigrateStore(const std::string& address);
 
 }  // namespace maneuver::jobs

@@ -136,8 +136,26 @@ void Supervisor::Follow() {
     LogFailure("jobs of other servers cannot be taken over", "", status);
   }
   CountJobs();
-  news_.PublishAll();
+  PublishNews();
   changed_.NotifyAll();  // a job may be pending
+}
+
+void Supervisor::PublishNews() {
+  const std::vector<std::string> watched = news_.Watched();
+  std::map<std::string, JobPosition> positions;
+  if (!watched.empty()) {
+    const auto listed = store_.ListPositions(watched);
+    if (!listed.ok()) return;  // what came meanwhile is news the next time
+    for (const JobPosition& position : *listed) positions[position.job] = position;
+  }
+  for (const std::string& job : watched) {
+    const auto before = positions_.find(job);
+    const auto now = positions.find(job);  // none: the job was deleted
+    if (before == positions_.end() || now == positions.end() || before->second != now->second) {
+      news_.Publish(job);
+    }
+  }
+  positions_ = std::move(positions);
 }
 
 void Supervisor::GiveUpAttempt(v1::Job& job) const {

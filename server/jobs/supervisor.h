@@ -149,8 +149,11 @@ class Supervisor {
   absl::Status TakeAbandoned();
   // Makes a RUNNING job PENDING, or CANCELLED if that was asked for. Its worker is gone.
   void GiveUpAttempt(v1::Job& job) const;
-  // Does what other servers' changes ask for; called regularly if there may be others.
+  // Does what other servers' changes ask for; called regularly, by one thread, if there may be
+  // others.
   void Follow() ABSL_LOCKS_EXCLUDED(mutex_);
+  // Publishes news of jobs that other servers have changed.
+  void PublishNews();
   absl::StatusOr<v1::Job> Admit(v1::Job job, const std::string& request_id,
                                 const std::string& digest, bool validate_only);
   // Adds the memory that a job will take, if it was only validated.
@@ -205,6 +208,9 @@ class Supervisor {
   bool stops_ ABSL_GUARDED_BY(mutex_) = false;
   // The running jobs, by name.
   std::map<std::string, std::shared_ptr<StopRequest>> running_ ABSL_GUARDED_BY(mutex_);
+
+  // How far the jobs were that somebody watched when PublishNews last looked, by name.
+  std::map<std::string, JobPosition> positions_;
 
   // Live as long as the server: children die with the thread that started them.
   std::vector<std::thread> threads_;

@@ -24,16 +24,18 @@ constexpr int kFailed = 1;
 constexpr int kWrongUsage = 2;
 
 constexpr char kUsage[] =
-    R"(maneuverd store: the database of jobs and aliases, while no server uses it
+    R"(maneuverd store: the database of jobs and aliases
 
 Usage: maneuverd store COMMAND [OPTIONS]
 
   migrate   Makes the tables in the database of --store, or brings those of an earlier release up to
-            date. Without --store: those of the data folder
+            date. Without --store: those of the data folder. Servers that share the store may run
+            meanwhile, unless it says that they have to stop
   check     Reads every job, event and alias, compares them with their checksums, and counts them
   copy      Copies jobs and aliases of the data folder into the empty database of --store, to which
             the folder then belongs; maneuver.db stays as maneuver.db.copied
 
+For check and copy, and for a store that is not shared, stop the servers first.
 OPTIONS are those of the server, such as --config FILE, --data-dir DIR and --store URI; its
 environment variables count too.
 )";

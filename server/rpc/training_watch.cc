@@ -31,7 +31,7 @@ JobWatchCall::JobWatchCall(jobs::Supervisor& jobs, WorkerPool& pool,
     End(status);
     return;
   }
-  reader_ = std::make_unique<jobs::JobEventReader>(jobs.store(), request.name(),
+  reader_ = std::make_unique<jobs::JobEventReader>(jobs.store(), jobs.news(), request.name(),
                                                    request.after_sequence());
   // Before the first look at the store: nothing is missed in between.
   subscription_ = jobs.news().Subscribe(request.name(), [this] { OnNews(); });

@@ -36,12 +36,13 @@ std::string RandomHex() {
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<Cluster>> Cluster::Start() {
+absl::StatusOr<std::unique_ptr<Cluster>> Cluster::Start(bool explains) {
   if (!fs::exists(absl::StrCat(kPrograms, "initdb"))) {
     return absl::NotFoundError(
         "PostgreSQL 15 is not installed: deploy/install-deps.sh --tests installs it");
   }
   std::unique_ptr<Cluster> cluster(new Cluster);
+  cluster->explains_ = explains;
   cluster->user_ = getuid();
   cluster->group_ = getgid();
   if (cluster->user_ == 0) {  // which initdb refuses
@@ -133,8 +134,17 @@ void Cluster::Stop(int signal) {
 }
 
 absl::Status Cluster::Resume() {
-  server_ = Spawn({absl::StrCat(kPrograms, "postgres"), "-D", (folder_ / "data").string(), "-k",
-                   folder_.string(), "-c", "listen_addresses="});
+  std::vector<std::string> command = {absl::StrCat(kPrograms, "postgres"), "-D",
+                                      (folder_ / "data").string(), "-k", folder_.string()};
+  std::vector<std::string> settings = {"listen_addresses="};
+  if (explains_) {
+    settings.insert(settings.end(),
+                    {"log_line_prefix=%a ", "session_preload_libraries=auto_explain",
+                     "auto_explain.log_min_duration=0", "auto_explain.log_analyze=on",
+                     "auto_explain.log_timing=off", "auto_explain.log_nested_statements=on"});
+  }
+  for (const std::string& setting : settings) command.insert(command.end(), {"-c", setting});
+  server_ = Spawn(command);
   for (int i = 0; i < 600; ++i) {
     if (jobs::PostgresqlConnection::Open(address()).ok()) return absl::OkStatus();
     std::this_thread::sleep_for(std::chrono::milliseconds(50));

@@ -20,7 +20,8 @@ namespace maneuver::postgresql {
 class Cluster {
  public:
   // NOT_FOUND if PostgreSQL is not installed: skip the test.
-  static absl::StatusOr<std::unique_ptr<Cluster>> Start();
+  //   explains: whether its log has the plan of each statement (query_plans.h)
+  static absl::StatusOr<std::unique_ptr<Cluster>> Start(bool explains);
   ~Cluster();
   Cluster(const Cluster&) = delete;
   Cluster& operator=(const Cluster&) = delete;
@@ -30,6 +31,8 @@ class Cluster {
   // Returns a URI of the whole database.
   std::string address() const;
   std::filesystem::path socket() const { return folder_ / ".s.PGSQL.5432"; }
+  // Returns its log.
+  std::filesystem::path log() const { return folder_ / "log"; }
   // Returns what must not be seen anywhere.
   const std::string& password() const { return password_; }
 
@@ -53,6 +56,7 @@ class Cluster {
   gid_t group_ = 0;
   pid_t server_ = -1;
   int schemas_ = 0;
+  bool explains_ = false;
 };
 
 }  // namespace maneuver::postgresql

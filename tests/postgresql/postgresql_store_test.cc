@@ -63,7 +63,7 @@ class PostgresqlStoreTest : public postgresql::WithStore {
     return store.ok() ? *std::move(store) : nullptr;
   }
   std::unique_ptr<PostgresqlConnection> Connect(const std::string& address) {
-    auto connection = PostgresqlConnection::Open(address);
+    auto connection = PostgresqlConnection::Open(postgresql::AsTest(address));
     EXPECT_TRUE(connection.ok()) << connection.status();
     return connection.ok() ? *std::move(connection) : nullptr;
   }
@@ -105,30 +105,33 @@ TEST_F(PostgresqlStoreTest, ALaterSchemaIsRefused) {
 }
 
 TEST_F(PostgresqlStoreTest, AnEarlierSchemaIsRefusedUntilItIsMigrated) {
-  std::vector<std::string> migrations = StoreMigrations();
+  std::vector<SchemaStep> migrations = StoreMigrations();
   const auto latest = static_cast<int>(migrations.size());
-  migrations.push_back("ALTER TABLE jobs ADD COLUMN colour TEXT NOT NULL DEFAULT 'blue'");
+  migrations.push_back({"ALTER TABLE jobs ADD COLUMN colour TEXT NOT NULL DEFAULT 'blue'"});
   ASSERT_TRUE(Open(address_)->Add(PendingJob("a"), "", "").ok());
   // As it looks to a release that knows the next version.
-  ASSERT_TRUE(Connect(address_)->RunScript("UPDATE store SET schema_version = 0").ok());
+  ASSERT_TRUE(Connect(address_)->RunScript("UPDATE store SET latest_version = 0").ok());
   EXPECT_TRUE(absl::IsFailedPrecondition(PostgresqlStore::Open(address_).status()));
   ASSERT_TRUE(
-      Connect(address_)->Run("UPDATE store SET schema_version = $1", {int64_t{latest}}).ok());
+      Connect(address_)->Run("UPDATE store SET latest_version = $1", {int64_t{latest}}).ok());
 
   const auto from = Migrate(*Connect(address_), migrations);
   ASSERT_TRUE(from.ok()) << from.status();
-  EXPECT_EQ(*from, latest);
-  EXPECT_EQ(*SchemaVersion(*Connect(address_)), latest + 1);
+  EXPECT_EQ(from->latest, latest);
+  EXPECT_EQ(*ReadSchemaVersion(*Connect(address_)), (SchemaVersion{latest + 1, latest + 1}));
+  // This release does not know the new tables.
+  EXPECT_TRUE(absl::IsFailedPrecondition(PostgresqlStore::Share(address_).status()));
   const auto job = Connect(address_)->Run("SELECT name FROM jobs WHERE colour = 'blue'");
   ASSERT_TRUE(job.ok()) << job.status();
   EXPECT_EQ(job->Bytes(0, 0), "jobs/a");
 }
 
 TEST_F(PostgresqlStoreTest, AMigrationThatFailsChangesNothing) {
-  std::vector<std::string> migrations = StoreMigrations();
-  migrations.push_back("CREATE TABLE half (a INT); CREATE TABLE half (a INT)");
+  std::vector<SchemaStep> migrations = StoreMigrations();
+  migrations.push_back({"CREATE TABLE half (a INT); CREATE TABLE half (a INT)"});
   EXPECT_FALSE(Migrate(*Connect(address_), migrations).ok());
-  EXPECT_EQ(*SchemaVersion(*Connect(address_)), static_cast<int>(StoreMigrations().size()));
+  EXPECT_EQ(ReadSchemaVersion(*Connect(address_))->latest,
+            static_cast<int>(StoreMigrations().size()));
   EXPECT_FALSE(Connect(address_)->Run("SELECT a FROM half").ok());
 }
 

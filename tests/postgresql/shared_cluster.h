@@ -11,19 +11,30 @@
 #include "absl/status/statusor.h"
 #include "server/jobs/postgresql_schema.h"
 #include "tests/postgresql/cluster.h"
+#include "tests/postgresql/query_plans.h"
 
 namespace maneuver::postgresql {
 
-// Ends the cluster when the program's tests are done.
+// Ends the cluster when the program's tests are done, and holds that each statement of a store, in
+// whatever test, used an index and was not compiled.
 class SharedCluster final : public testing::Environment {
  public:
   // Starts it on the first call.
   static absl::StatusOr<Cluster*> Get() {
-    if (!started().ok() && started().status().message().empty()) started() = Cluster::Start();
+    if (!started().ok() && started().status().message().empty())
+      started() = Cluster::Start(/*explains=*/true);
     if (!started().ok()) return started().status();
     return started()->get();
   }
-  void TearDown() override { started() = absl::NotFoundError("the tests are done"); }
+  void TearDown() override {
+    if (started().ok()) {
+      for (const QueryPlan& plan : ReadPlans((*started())->log())) {
+        EXPECT_FALSE(ReadsRowsInVain(plan) || IsCompiled(plan)) << plan.statement << "\n"
+                                                                << plan.steps;
+      }
+    }
+    started() = absl::NotFoundError("the tests are done");
+  }
 
  private:
   static absl::StatusOr<std::unique_ptr<Cluster>>& started() {
@@ -34,6 +45,9 @@ class SharedCluster final : public testing::Environment {
 
 inline const testing::Environment* const kSharedCluster =
     testing::AddGlobalTestEnvironment(new SharedCluster);
+
+// Returns the URI for statements of a test itself, which need no index.
+inline std::string AsTest(const std::string& address) { return address + "&application_name=test"; }
 
 // Returns the URI of a new store with its tables.
 inline absl::StatusOr<std::string> NewStoreAddress(Cluster& cluster) {

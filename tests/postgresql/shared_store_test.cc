@@ -48,7 +48,7 @@ class SharedStoreTest : public postgresql::WithStore {
     return store.ok() ? *std::move(store) : nullptr;
   }
   void Execute(const std::string& script) {
-    const auto connection = PostgresqlConnection::Open(address_);
+    const auto connection = PostgresqlConnection::Open(postgresql::AsTest(address_));
     ASSERT_TRUE(connection.ok()) << connection.status();
     const absl::Status status = (*connection)->RunScript(script);
     ASSERT_TRUE(status.ok()) << status;
@@ -104,6 +104,42 @@ TEST_F(SharedStoreTest, AServerWhoseStoreAnotherOneOwnedMeanwhileStops) {
   const absl::Status refused = a_->SetAliasIf(kServing, 1, {}).status();
   EXPECT_TRUE(errors::IsStoreAway(refused)) << refused;
   EXPECT_THAT(std::string(refused.message()), HasSubstr("another maneuverd has used this store"));
+}
+
+TEST_F(SharedStoreTest, AnAdditionIsMadeWhileServersUseTheStoreAndTheyGoOn) {
+  std::vector<SchemaStep> steps = StoreMigrations();
+  steps.push_back({"ALTER TABLE jobs ADD COLUMN colour TEXT", /*is_addition=*/true});
+  const auto connection = PostgresqlConnection::Open(address_);
+  ASSERT_TRUE(connection.ok()) << connection.status();
+  const auto before = ReadSchemaVersion(**connection);
+  ASSERT_TRUE(before.ok()) << before.status();
+  EXPECT_TRUE(IsAddition(*before, steps));
+  const auto migrated = Migrate(**connection, steps);
+  ASSERT_TRUE(migrated.ok()) << migrated.status();
+  EXPECT_EQ(ReadSchemaVersion(**connection)->latest, before->latest + 1);
+  EXPECT_EQ(ReadSchemaVersion(**connection)->needed, before->needed);
+  ASSERT_TRUE(a_->Add(PendingJob("a"), "", "").ok());
+  // Their next connection finds the tables good, too, and so does a server that starts.
+  Execute(
+      "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid <> pg_backend_pid()"
+      " AND application_name = 'maneuverd'");
+  EXPECT_TRUE(a_->Get("jobs/a").ok());
+  EXPECT_TRUE(b_->Get("jobs/a").ok());
+  EXPECT_NE(Share(address_), nullptr);
+  // Their release has nothing to migrate.
+  const auto again = PostgresqlConnection::Open(address_);
+  ASSERT_TRUE(again.ok());
+  EXPECT_TRUE(Migrate(**again, StoreMigrations()).ok());
+  EXPECT_EQ(ReadSchemaVersion(**again)->latest, before->latest + 1);
+}
+
+TEST_F(SharedStoreTest, AStepThatIsNoAdditionNeedsTheStoreAlone) {
+  std::vector<SchemaStep> steps = StoreMigrations();
+  steps.push_back({"ALTER TABLE jobs DROP COLUMN create_time"});
+  const auto connection = PostgresqlConnection::Open(address_);
+  ASSERT_TRUE(connection.ok()) << connection.status();
+  EXPECT_FALSE(IsAddition(*ReadSchemaVersion(**connection), steps));
+  EXPECT_FALSE(IsAddition({}, steps));  // no tables
 }
 
 TEST_F(SharedStoreTest, EachJobIsClaimedByOneServer) {

@@ -151,7 +151,7 @@ TEST_F(StoreCopyTest, ACopyThatWasCutOffAfterItsCommitIsFinished) {
 
 TEST_F(StoreCopyTest, ACopyThatFailsLeavesTheFolderAsItWas) {
   // The third job's row cannot be written.
-  auto connection = PostgresqlConnection::Open(address_);
+  auto connection = PostgresqlConnection::Open(postgresql::AsTest(address_));
   ASSERT_TRUE(connection.ok()) << connection.status();
   ASSERT_TRUE((*connection)->RunScript("ALTER TABLE jobs ADD CHECK (name <> 'jobs/c')").ok());
   EXPECT_FALSE(CopyStore(data_dir(), address_).ok());
@@ -163,7 +163,7 @@ TEST_F(StoreCopyTest, ACopyThatFailsLeavesTheFolderAsItWas) {
 
 TEST_F(StoreCopyTest, ACheckFindsADamagedRow) {
   ASSERT_TRUE(CopyStore(data_dir(), address_).ok());
-  auto connection = PostgresqlConnection::Open(address_);
+  auto connection = PostgresqlConnection::Open(postgresql::AsTest(address_));
   ASSERT_TRUE(connection.ok()) << connection.status();
   ASSERT_TRUE((*connection)
                   ->RunScript("UPDATE progress SET progress = set_byte(progress, 1, 255)"

@@ -40,9 +40,9 @@ def refusal(code, reason, *details):
     return code, status.SerializeToString()
 
 
-def fail(context, code, status):
+def fail(context, code, status, message="refused"):
     context.set_trailing_metadata((("grpc-status-details-bin", status),))
-    context.abort(code, "refused")
+    context.abort(code, message)
 
 
 class Clock:
@@ -335,7 +335,8 @@ class CallsTest(unittest.TestCase):
     def test_repeats_a_prediction_until_the_server_is_back(self):
         away = refusal(grpc.StatusCode.UNAVAILABLE, "SERVER_STOPS")
         cancelled = refusal(grpc.StatusCode.CANCELLED, "SERVER_STOPS")
-        self.predictions.script = [away, cancelled, away]
+        no_status = (grpc.StatusCode.UNKNOWN, b"", "Stream removed")  # as gRPC calls it
+        self.predictions.script = [away, cancelled, no_status]
         told = []
         client = self.client(on_retry=lambda error, wait: told.append(error.code.name))
         self.assertEqual(client.predict(SCENE).model_version, "models/m/versions/1")

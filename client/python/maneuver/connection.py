@@ -50,10 +50,12 @@ def retriable(failure: grpc.RpcError) -> ManeuverError:
     """Returns the error of a call that its caller did not cancel.
 
     CANCELLED then means that the server was just stopping, or that a proxy lost its server
-    meanwhile: such a call may be made again.
+    meanwhile: such a call may be made again. So may one whose answer ended without a status, because
+    a proxy lost its server in the middle of it: gRPC calls that UNKNOWN, "Stream removed".
     """
     error = from_rpc(failure)
-    if isinstance(error, CancelledError):
+    has_no_status = error.code == grpc.StatusCode.UNKNOWN and error.message == "Stream removed"
+    if isinstance(error, CancelledError) or has_no_status:
         return UnavailableError(grpc.StatusCode.UNAVAILABLE,
                                 "the call was broken off on its way or by the server")
     return error

@@ -43,12 +43,19 @@ TEST(ClientTest, RetriesUnavailableUntilItIsAnswered) {
 }
 
 // gRPC ends calls like this that arrive while the server stops, and HAProxy those whose server
-// died.
+// died: the second way if the answer had begun.
 TEST(ClientTest, RetriesACallThatWasBrokenOff) {
   TestServer server;
   std::atomic<int> calls = 0;
   server.on_predict = [&](auto*, const auto&, auto*) {
-    return ++calls < 3 ? grpc::Status(grpc::StatusCode::CANCELLED, "") : grpc::Status::OK;
+    switch (++calls) {
+      case 1:
+        return grpc::Status(grpc::StatusCode::CANCELLED, "");
+      case 2:
+        return grpc::Status(grpc::StatusCode::UNKNOWN, "Stream removed");
+      default:
+        return grpc::Status::OK;
+    }
   };
   EXPECT_TRUE(ConnectTo(server.address())->Predict({}).ok());
   EXPECT_EQ(calls, 3);

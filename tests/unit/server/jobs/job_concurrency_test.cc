@@ -96,6 +96,11 @@ class RecordingStore : public JobStore {
     return store_.ListProgress(name, after, limit);
   }
 
+  absl::StatusOr<std::vector<JobPosition>> ListPositions(
+      const std::vector<std::string>& names) override {
+    return store_.ListPositions(names);
+  }
+
   const std::vector<Change>& changes() const { return changes_; }  // once nobody writes
 
  private:
@@ -272,7 +277,7 @@ class JobConcurrencyTest : public SupervisorTest {
 
   // To the end of the job or its deletion: numbers without a gap, then one that has ended.
   void Watch(const std::string& name) {
-    JobEventReader reader(supervisor_->store(), name, 0);
+    JobEventReader reader(supervisor_->store(), supervisor_->news(), name, 0);
     int64_t last = 0;
     EXPECT_TRUE(WaitForNews(supervisor_->news(), name, [&] {
       for (;;) {

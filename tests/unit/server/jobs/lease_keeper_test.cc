@@ -49,6 +49,9 @@ class LeasingStore final : public JobStore {
                                                             int) override {
     return No();
   }
+  absl::StatusOr<std::vector<JobPosition>> ListPositions(const std::vector<std::string>&) override {
+    return No();
+  }
   absl::Status Delete(const std::string&) override { return No(); }
 
  private:

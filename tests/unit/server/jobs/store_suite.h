@@ -392,6 +392,19 @@ TEST_P(StoreTest, AliasesAreMovedListedAndRemoved) {
   EXPECT_TRUE(absl::IsNotFound(store_->GetAlias({"town", "serving"}).status()));
 }
 
+TEST_P(StoreTest, ListsHowFarJobsAre) {
+  for (const char* id : {"a", "b", "c"}) ASSERT_TRUE(store_->Add(PendingJob(id), "", "").ok());
+  const auto claimed = store_->Claim([](v1::Job&) {});
+  ASSERT_TRUE(claimed.ok() && *claimed) << claimed.status();
+  ASSERT_TRUE(store_->AddProgress((*claimed)->lease, Event(3)).ok());
+  ASSERT_TRUE(store_->AddProgress((*claimed)->lease, Event(5)).ok());
+  const auto positions = store_->ListPositions({"jobs/a", "jobs/c", "jobs/x\"y\\"});
+  ASSERT_TRUE(positions.ok()) << positions.status();
+  EXPECT_THAT(*positions,
+              testing::UnorderedElementsAre(JobPosition{"jobs/a", v1::JOB_STATE_RUNNING, 5},
+                                            JobPosition{"jobs/c", v1::JOB_STATE_PENDING, 0}));
+}
+
 TEST_P(StoreTest, ManyThreadsMayUseIt) {
   std::vector<std::thread> threads;
   for (int t = 0; t < 4; ++t) {

@@ -56,7 +56,7 @@ inline bool WaitForNews(JobNews& news, const std::string& job, const std::functi
 inline std::vector<v1::Job> Follow(JobNews& news, JobStore& store, const std::string& job,
                                    int64_t after_sequence, int limit) {
   std::vector<v1::Job> all;
-  JobEventReader reader(store, job, after_sequence);
+  JobEventReader reader(store, news, job, after_sequence);
   EXPECT_TRUE(WaitForNews(news, job, [&] {
     for (;;) {
       const auto events = reader.Next(limit);

@@ -1,0 +1,193 @@
+// How long a shared store takes with 10,000 jobs, 1,000 versions and aliases, and a folder with 1,000
+// datasets, while two other servers follow it.
+//
+//   cmake --build --preset release --target store_bench && build/release/tests/store_bench
+
+#include <algorithm>
+#include <chrono>
+#include <functional>
+#include <iostream>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "locks/stop_latch.h"
+#include "model/data/dataset_folder.h"
+#include "model/data/dataset_store.h"
+#include "server/jobs/postgresql_schema.h"
+#include "server/jobs/postgresql_store.h"
+#include "tests/postgresql/cluster.h"
+#include "tests/unit/model/data/recordings_for_tests.h"
+#include "tests/unit/temporary_folder.h"
+
+namespace maneuver::postgresql {
+namespace {
+
+using std::chrono::steady_clock;
+
+constexpr int kJobs = 10'000;
+constexpr int kWatched = 200;
+constexpr int kVersions = 1'000;
+constexpr int kDatasets = 1'000;
+constexpr int kCalls = 1'000;
+
+[[noreturn]] void Fail(const std::string& what, const absl::Status& status) {
+  std::cerr << what << ": " << status << "\n";
+  std::exit(1);
+}
+void Check(const std::string& what, const absl::Status& status) {
+  if (!status.ok()) Fail(what, status);
+}
+
+v1::Job Job(int i) {
+  v1::Job job;
+  job.set_name(absl::StrFormat("jobs/b%015d", i));
+  job.set_state(v1::JOB_STATE_PENDING);
+  job.mutable_train()->set_model("models/town");
+  job.mutable_train()->add_datasets("datasets/town");
+  job.mutable_train()->set_priority(i % 5);
+  job.mutable_create_time()->set_seconds(1'700'000'000 + i);
+  return job;
+}
+
+// Half of the jobs have ended, and each of those has events; the others wait.
+void Fill(jobs::Store& store) {
+  for (int i = 0; i < kJobs; ++i) {
+    Check("add", store.Add(Job(i), absl::StrCat("request-", i), "digest"));
+    if (i % 2 == 1) continue;
+    const auto claimed = store.Claim([](v1::Job&) {});
+    if (!claimed.ok() || !*claimed) Fail("claim", claimed.status());
+    for (int event = 1; event <= 3; ++event) {
+      v1::JobProgress progress;
+      progress.set_sequence(event);
+      progress.set_phase("joint");
+      Check("progress", store.AddProgress((*claimed)->lease, progress));
+    }
+    Check("finish", store.Finish((*claimed)->lease,
+                                 [](v1::Job& job) { job.set_state(v1::JOB_STATE_SUCCEEDED); }));
+  }
+  std::vector<security::ModelVersionName> versions;
+  for (int i = 0; i < kVersions; ++i) versions.push_back({absl::StrCat("m", i % 100), i / 100 + 1});
+  Check("adopt", store.Ledger()->Adopt(versions));
+  for (int i = 0; i < kVersions; ++i) {
+    Check("alias", store.SetAlias({absl::StrCat("m", i % 100), absl::StrCat("alias-", i / 100)},
+                                  i / 100 + 1));
+  }
+}
+
+// What a server asks regularly, more often than it does.
+void Follow(jobs::Store& store, const std::vector<std::string>& watched) {
+  Check("follow", store.ListAliases().status());
+  Check("follow", store.Ledger()->ListVersions().status());
+  Check("follow", store.ListPositions(watched).status());
+  for (const v1::JobState state : {v1::JOB_STATE_PENDING, v1::JOB_STATE_SUCCEEDED}) {
+    Check("follow", store.CountInState(state).status());
+  }
+  Check("follow",
+        store.TakeAbandoned([](v1::Job& job) { job.set_state(v1::JOB_STATE_PENDING); }).status());
+}
+
+void Measure(const std::string& what, int calls, const std::function<void(int)>& call) {
+  std::vector<double> seconds;
+  for (int i = 0; i < calls; ++i) {
+    const auto begun = steady_clock::now();
+    call(i);
+    seconds.push_back(std::chrono::duration<double>(steady_clock::now() - begun).count());
+  }
+  std::sort(seconds.begin(), seconds.end());
+  const auto at = [&](double share) {
+    return 1000 * seconds[std::min(seconds.size() - 1, static_cast<size_t>(share * calls))];
+  };
+  std::cout << absl::StrFormat("| %-38s | %5d | %6.2f | %6.2f | %7.2f |\n", what, calls, at(0.5),
+                               at(0.99), 1000 * seconds.back());
+}
+
+void Run() {
+  auto cluster = Cluster::Start(/*explains=*/false);
+  if (!cluster.ok()) Fail("PostgreSQL", cluster.status());
+  const std::string address = (*cluster)->NewSchema();
+  {
+    const auto connection = jobs::PostgresqlConnection::Open(address);
+    if (!connection.ok()) Fail("connect", connection.status());
+    Check("migrate", jobs::Migrate(**connection, jobs::StoreMigrations()).status());
+  }
+  std::vector<std::unique_ptr<jobs::PostgresqlStore>> stores;
+  for (int i = 0; i < 3; ++i) {
+    auto store = jobs::PostgresqlStore::Share(address);
+    if (!store.ok()) Fail("share", store.status());
+    stores.push_back(*std::move(store));
+  }
+  jobs::Store& store = *stores[0];
+  const auto begun = steady_clock::now();
+  Fill(store);
+  std::cout << absl::StrFormat("filled in %.0f s\n\n",
+                               std::chrono::duration<double>(steady_clock::now() - begun).count());
+  std::vector<std::string> watched;
+  for (int i = 0; i < kWatched; ++i) watched.push_back(Job(i * 7).name());
+  StopLatch stop;
+  std::vector<std::thread> others;
+  for (int i = 1; i < 3; ++i) {
+    others.emplace_back([&, i] {
+      while (!stop.StoppedWithin(std::chrono::seconds(1)))
+        Follow(*stores[static_cast<size_t>(i)], watched);
+    });
+  }
+  std::cout << "| call | calls | p50 ms | p99 ms | slowest |\n|---|---:|---:|---:|---:|\n";
+  std::string token;
+  Measure("list 50 jobs, page after page", kCalls, [&](int) {
+    const auto page = store.List(50, token);
+    if (!page.ok()) Fail("list", page.status());
+    token = page->next_page_token;
+  });
+  Measure("get a job", kCalls, [&](int i) { Check("get", store.Get(Job(i * 9).name()).status()); });
+  std::vector<jobs::JobLease> leases;
+  Measure("claim", kCalls, [&](int) {
+    const auto claimed = store.Claim([](v1::Job&) {});
+    if (!claimed.ok() || !*claimed) Fail("claim", claimed.status());
+    leases.push_back((*claimed)->lease);
+  });
+  Measure("renew", kCalls,
+          [&](int i) { Check("renew", store.Renew(leases[static_cast<size_t>(i)]).status()); });
+  Measure("finish", kCalls, [&](int i) {
+    Check("finish", store.Finish(leases[static_cast<size_t>(i)],
+                                 [](v1::Job& job) { job.set_state(v1::JOB_STATE_FAILED); }));
+  });
+  Measure("set an alias", kCalls, [&](int i) {
+    Check("alias", store.SetAlias({absl::StrCat("m", i % 100), "serving"}, i % 10 + 1));
+  });
+  Measure("list 1,000 aliases", kCalls,
+          [&](int) { Check("aliases", store.ListAliases().status()); });
+  Measure("list 1,000 versions", kCalls,
+          [&](int) { Check("versions", store.Ledger()->ListVersions().status()); });
+  Measure("count the jobs of a state", kCalls,
+          [&](int) { Check("count", store.CountInState(v1::JOB_STATE_SUCCEEDED).status()); });
+  Measure("how far 200 watched jobs are", kCalls,
+          [&](int) { Check("positions", store.ListPositions(watched).status()); });
+
+  const TemporaryFolder folder;
+  const auto datasets = data::DatasetStore::Open(folder.path());
+  if (!datasets.ok()) Fail("datasets", datasets.status());
+  for (int i = 0; i < kDatasets; ++i) {
+    auto writer =
+        data::DatasetWriter::Create((*datasets)->FolderOf(absl::StrFormat("d%04d", i)), "");
+    if (!writer.ok()) Fail("dataset", writer.status());
+    Check("dataset", (*writer)->Add(data::SmallRecording("r0")));
+    Check("dataset", (*writer)->Commit().status());
+  }
+  std::string after;
+  Measure("list 50 datasets, page after page", kCalls, [&](int) {
+    const auto page = (*datasets)->List(after, 50);
+    if (!page.ok()) Fail("datasets", page.status());
+    for (const std::string& id : *page) Check("dataset", (*datasets)->Get(id).status());
+    after = page->size() < 50 ? "" : page->back();
+  });
+  stop.Stop();
+  for (std::thread& other : others) other.join();
+}
+
+}  // namespace
+}  // namespace maneuver::postgresql
+
+int main() { maneuver::postgresql::Run(); }
