@@ -78,15 +78,22 @@ ByteBuffer Shared(grpc_byte_buffer* bytes) {
   return {slices.data(), slices.size()};
 }
 
+// Whether a method, named /SERVICE/METHOD, stops or removes something.
+bool MakesRoom(std::string_view method) {
+  const std::string_view name = method.substr(method.rfind('/') + 1);
+  return name.starts_with("Cancel") || name.starts_with("Delete");
+}
+
 class GuardedHandler final : public MethodHandler {
  public:
   GuardedHandler(MethodHandler& guarded, std::string_view method, RpcMethod::RpcType type,
-                 security::AccessControl& access, decltype(NamedService::worth) worth)
+                 security::AccessControl& access, const NamedService& service)
       : guarded_(guarded),
         method_(method),
         type_(type),
         access_(access),
-        worth_(std::move(worth)) {}
+        worth_(service.worth),
+        room_(MakesRoom(method) ? nullptr : service.room) {}
 
   // gRPC calls this first, with the request of a method that takes a single one; it is kept as it
   // is, to be parsed only once its caller is admitted.
@@ -96,6 +103,7 @@ class GuardedHandler final : public MethodHandler {
 
   void RunHandler(const HandlerParameter& call) override {
     absl::Status status = access_.Admit(method_, CredentialsOf(*call.server_context));
+    if (status.ok() && room_) status = room_();
     if (status.ok() && worth_ && type_ == RpcMethod::NORMAL_RPC) {
       status = worth_(method_, DeadlineOf(*call.server_context),
                       Shared(static_cast<grpc_byte_buffer*>(call.request)));
@@ -128,6 +136,7 @@ class GuardedHandler final : public MethodHandler {
   const RpcMethod::RpcType type_;
   security::AccessControl& access_;
   const decltype(NamedService::worth) worth_;
+  const decltype(NamedService::room) room_;
 };
 
 // A service's handlers, which it shows to those who derive from it.
@@ -162,7 +171,7 @@ absl::StatusOr<std::unique_ptr<GuardedService>> GuardedService::Create(
     }
     const RpcMethod::RpcType type = TypeOf(method);
     guard->AddMethod(new RpcServiceMethod(name.c_str(), type, nullptr));
-    guard->MarkMethodCallback(i, new GuardedHandler(*handler, name, type, access, guarded.worth));
+    guard->MarkMethodCallback(i, new GuardedHandler(*handler, name, type, access, guarded));
   }
   return guard;
 }

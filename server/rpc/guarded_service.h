@@ -33,6 +33,9 @@ struct NamedService {
                              std::chrono::system_clock::time_point deadline,
                              const grpc::ByteBuffer& request)>
       worth = {};
+  // Refuses calls while the server has no room for what they need. Called for each call but those
+  // that stop or remove something. Empty: no call is refused.
+  std::function<absl::Status()> room = {};
 };
 
 // Register it instead of the service that it guards. The generated code has no place for such a
