@@ -44,6 +44,9 @@ class FileStore final : public SqliteStore {
   absl::Status Prepare() {
     const MutexLock lock(mutex_);
     sqlite3_extended_result_codes(database_, 1);
+    // A store that does not open is closed as it is. SQLite would otherwise bring its journal into
+    // the file and delete it, which has cost the newest changes when the disk failed just then.
+    CheckpointOnClose(false);
     sqlite3_busy_timeout(database_, kBusyTimeoutMs);
     // Not locked against readers: a back-up copies it while the server runs. A second server is
     // kept off by the lock of the data folder.
@@ -52,7 +55,9 @@ class FileStore final : public SqliteStore {
       if (absl::Status status = Execute(database_, pragma); !status.ok()) return status;
     }
     if (absl::Status status = CheckIntegrity(); !status.ok()) return status;
-    return PrepareSchema(database_);
+    if (absl::Status status = PrepareSchema(database_); !status.ok()) return status;
+    CheckpointOnClose(true);
+    return absl::OkStatus();
   }
 
   absl::Status Add(const v1::Job& job, const std::string& request_id,
@@ -296,6 +301,10 @@ class FileStore final : public SqliteStore {
   }
 
  private:
+  void CheckpointOnClose(bool does) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    sqlite3_db_config(database_, SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, does ? 0 : 1, nullptr);
+  }
+
   // Reads the whole file, and compares the indexes with the tables. Some milliseconds for each
   // megabyte.
   absl::Status CheckIntegrity() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
@@ -387,8 +396,8 @@ absl::StatusOr<std::unique_ptr<SqliteStore>> SqliteStore::Open(const std::filesy
   if (absl::IsDataLoss(status)) {
     return absl::DataLossError(absl::StrCat(
         status.message(), "; ", file.string(),
-        " is damaged. Restore the last back-up with deploy/restore.sh, or go on without jobs and "
-        "aliases: docs/guides/backup.md says how"));
+        " is damaged. Bring it back with maneuverd repair --backup BACKUP: docs/guides/backup.md "
+        "says how"));
   }
   if (!status.ok()) return status;
   return store;

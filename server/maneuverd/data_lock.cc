@@ -5,12 +5,30 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <chrono>
 #include <cstring>
 #include <system_error>
+#include <thread>
 
 #include "absl/strings/str_cat.h"
 
 namespace maneuver {
+namespace {
+
+// A server that was killed while it started a job leaves a child behind, which holds the lock until it is
+// gone, too. Jobs have the lowest priority, so that may take a moment.
+constexpr std::chrono::seconds kLockPatience{5};
+
+bool Lock(int descriptor, int kind) {
+  const auto give_up = std::chrono::steady_clock::now() + kLockPatience;
+  while (flock(descriptor, kind | LOCK_NB) != 0) {
+    if (errno != EWOULDBLOCK || std::chrono::steady_clock::now() >= give_up) return false;
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+  return true;
+}
+
+}  // namespace
 
 absl::StatusOr<std::unique_ptr<DataLock>> DataLock::Take(const std::filesystem::path& data_dir,
                                                          bool is_shared) {
@@ -27,7 +45,7 @@ absl::StatusOr<std::unique_ptr<DataLock>> DataLock::Take(const std::filesystem::
     return absl::FailedPreconditionError(
         absl::StrCat("cannot open ", file.string(), ": ", std::strerror(errno)));
   }
-  if (flock(descriptor, (is_shared ? LOCK_SH : LOCK_EX) | LOCK_NB) != 0) {
+  if (!Lock(descriptor, is_shared ? LOCK_SH : LOCK_EX)) {
     close(descriptor);
     return absl::FailedPreconditionError(
         absl::StrCat("another maneuverd uses ", data_dir.string(),

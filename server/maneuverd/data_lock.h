@@ -13,7 +13,7 @@ namespace maneuver {
 class DataLock {
  public:
   // Locks the folder, and creates it if it is missing. FAILED_PRECONDITION if another server has
-  // it, or it cannot be created or written to.
+  // it for the next five seconds, or it cannot be created or written to.
   //   is_shared: other servers that share it may have it, too
   static absl::StatusOr<std::unique_ptr<DataLock>> Take(const std::filesystem::path& data_dir,
                                                         bool is_shared = false);

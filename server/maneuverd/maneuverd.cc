@@ -38,6 +38,7 @@
 #include "server/maneuverd/idle_memory.h"
 #include "server/maneuverd/options.h"
 #include "server/maneuverd/protection.h"
+#include "server/maneuverd/repair_command.h"
 #include "server/maneuverd/service_manager.h"
 #include "server/maneuverd/store_command.h"
 #include "server/maneuverd/token_command.h"
@@ -57,6 +58,7 @@
 #include "server/serving/batch_scheduler.h"
 #include "server/serving/local_model_versions.h"
 #include "server/serving/map_cache.h"
+#include "server/serving/memory_budget.h"
 #include "server/serving/outcome_metrics.h"
 #include "server/serving/past_answers.h"
 #include "server/serving/send_memory.h"
@@ -233,8 +235,10 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
       {.serves = Predicts(options.role)}, *metrics);
   if (!models.ok()) return models.status();
 
+  serving::MemoryBudget memory(options.memory_limit, *metrics);
+  const auto room = [&memory] { return memory.Admit(); };
   // Outlives the calls, which hold shares of it.
-  serving::SendMemory send_memory(options.sends, *metrics);
+  serving::SendMemory send_memory(options.sends, *metrics, &memory);
   serving::BatchScheduler scheduler(options.scheduler, *metrics);
   serving::LocalModelVersions job_versions(**versions, **models);
   const auto supervisor =
@@ -289,11 +293,11 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
         [&scheduler](auto method, auto deadline, const auto& request) {
           return rpc::CheckWait(scheduler, method, deadline, request);
         },
-        refusal},
-       {v1::OutcomeService::service_full_name(), &outcome_service, {}, refusal},
-       {v1::ModelService::service_full_name(), &model_service},
-       {v1::DatasetService::service_full_name(), &dataset_service},
-       {v1::TrainingService::service_full_name(), &training_service},
+        refusal, room},
+       {v1::OutcomeService::service_full_name(), &outcome_service, {}, refusal, room},
+       {v1::ModelService::service_full_name(), &model_service, {}, {}, room},
+       {v1::DatasetService::service_full_name(), &dataset_service, {}, {}, room},
+       {v1::TrainingService::service_full_name(), &training_service, {}, {}, room},
        {v1::ReplicaService::service_full_name(), &replica_service},
        {v1::AdminService::service_full_name(), &admin_service}},
       (*protection)->access(), *metrics, (*protection)->credentials(), options.limits);
@@ -361,6 +365,9 @@ int Main(int argc, char** argv) {
   }
   if (argc > 1 && std::string_view(argv[1]) == "health") {
     return RunHealthCommand(argc - 1, argv + 1, environ);
+  }
+  if (argc > 1 && std::string_view(argv[1]) == "repair") {
+    return RunRepairCommand(argc - 1, argv + 1, environ);
   }
   if (argc > 1 && std::string_view(argv[1]) == "store") {
     return RunStoreCommand(argc - 1, argv + 1, environ);

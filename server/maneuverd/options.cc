@@ -9,6 +9,7 @@
 #include <iostream>
 #include <map>
 #include <string>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -162,6 +163,22 @@ absl::StatusOr<std::vector<std::filesystem::path>> ParseFolders(const std::strin
 }
 
 // FAILED_PRECONDITION for flags that make no sense together.
+// Lowers the limits of the buffers to their parts of the memory limit. Together, with what an answer
+// takes while it is written (three times its size), they may fill half of it.
+void FitBuffers(ServerOptions& options) {
+  const int64_t limit = options.memory_limit;
+  const auto fit = [limit](int parts, auto& buffer) {
+    buffer = static_cast<std::remove_reference_t<decltype(buffer)>>(
+        serving::ShareOf(limit, parts, static_cast<int64_t>(buffer)));
+  };
+  fit(8, options.limits.max_receive_bytes);
+  fit(32, options.limits.max_message_bytes);
+  fit(16, options.sends.max_send_memory);
+  fit(16, options.sends.max_response_bytes);
+  fit(16, options.scheduler.queue.max_queue_bytes);
+  fit(16, options.maps.max_bytes);
+}
+
 absl::Status TakeSecurityFlags(const SecurityFlags& flags, ServerOptions* options) {
   const security::CertificateFiles& tls = flags.tls;
   if (tls.certificate.empty() != tls.key.empty()) {
@@ -224,6 +241,7 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
       "which overrides the file.\n\n"
       "maneuverd token create, list and revoke manage the file of --tokens;\n"
       "maneuverd store migrate, check and copy manage the database of --store;\n"
+      "maneuverd repair brings a damaged database of the data folder back;\n"
       "maneuverd health [SERVICE] [OPTIONS] asks the server with these options "
       "whether it is ready.");
   app.get_help_ptr()->configurable(false);
@@ -292,6 +310,12 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
                  "prediction calls are refused")
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
       ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  app.add_option("--memory-limit", options.memory_limit,
+                 "Most memory of the server, without its jobs, such as 512MiB; near it calls are "
+                 "refused, and the limits of its buffers are lowered to parts of it; 0: any")
+      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
+      ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   app.add_option("--max-maps", options.maps.max_maps,
                  "Most registered maps; the least recently used one is dropped first")
@@ -408,6 +432,7 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
     if (!metrics_address.ok()) return refuse("--metrics-listen: ", metrics_address.status());
     options.metrics_listen = *std::move(metrics_address);
   }
+  FitBuffers(options);
   if (options.sends.max_send_memory < options.sends.max_response_bytes) {
     return refuse("", absl::FailedPreconditionError(
                           "--max-send-memory must be at least --max-response-bytes: raise the "

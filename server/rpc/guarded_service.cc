@@ -78,6 +78,12 @@ ByteBuffer Shared(grpc_byte_buffer* bytes) {
   return {slices.data(), slices.size()};
 }
 
+// Whether a method, named /SERVICE/METHOD, stops or removes something.
+bool MakesRoom(std::string_view method) {
+  const std::string_view name = method.substr(method.rfind('/') + 1);
+  return name.starts_with("Cancel") || name.starts_with("Delete");
+}
+
 class GuardedHandler final : public MethodHandler {
  public:
   GuardedHandler(MethodHandler& guarded, std::string_view method, RpcMethod::RpcType type,
@@ -87,7 +93,8 @@ class GuardedHandler final : public MethodHandler {
         type_(type),
         access_(access),
         worth_(service.worth),
-        refusal_(service.refusal) {}
+        refusal_(service.refusal),
+        room_(MakesRoom(method) ? nullptr : service.room) {}
 
   // gRPC calls this first, with the request of a method that takes a single one; it is kept as it
   // is, to be parsed only once its caller is admitted.
@@ -98,6 +105,7 @@ class GuardedHandler final : public MethodHandler {
   void RunHandler(const HandlerParameter& call) override {
     absl::Status status = access_.Admit(method_, CredentialsOf(*call.server_context));
     if (status.ok()) status = refusal_;
+    if (status.ok() && room_) status = room_();
     if (status.ok() && worth_ && type_ == RpcMethod::NORMAL_RPC) {
       status = worth_(method_, DeadlineOf(*call.server_context),
                       Shared(static_cast<grpc_byte_buffer*>(call.request)));
@@ -131,6 +139,7 @@ class GuardedHandler final : public MethodHandler {
   security::AccessControl& access_;
   const decltype(NamedService::worth) worth_;
   const absl::Status refusal_;
+  const decltype(NamedService::room) room_;
 };
 
 // A service's handlers, which it shows to those who derive from it.

@@ -37,6 +37,9 @@ struct NamedService {
   // If this is an error, every call of a caller who is admitted ends with it, and health says
   // NOT_SERVING.
   absl::Status refusal = {};
+  // Refuses calls while the server has no room for what they need. Called for each call but those
+  // that stop or remove something. Empty: no call is refused.
+  std::function<absl::Status()> room = {};
 };
 
 // Register it instead of the service that it guards. The generated code has no place for such a

@@ -39,8 +39,10 @@ void SendMemory::Share::ShrinkTo(int64_t bytes) {
   bytes_ = bytes;
 }
 
-SendMemory::SendMemory(const SendLimits& limits, monitoring::MetricRegistry& metrics)
+SendMemory::SendMemory(const SendLimits& limits, monitoring::MetricRegistry& metrics,
+                       MemoryBudget* budget)
     : limits_(limits),
+      budget_(budget),
       used_gauge_(metrics.AddGauge("maneuver_send_memory_bytes",
                                    "Bytes of answers that are being computed or that callers have "
                                    "not taken yet; the most that they may have until then.")),
@@ -51,6 +53,9 @@ SendMemory::SendMemory(const SendLimits& limits, monitoring::MetricRegistry& met
 }
 
 absl::StatusOr<SendMemory::Share> SendMemory::Reserve(int64_t bytes, int64_t targets) {
+  if (budget_ != nullptr) {
+    if (absl::Status status = budget_->Admit(); !status.ok()) return status;
+  }
   if (bytes > limits_.max_response_bytes) {
     too_large_.Increment();
     const int64_t fitting = limits_.max_response_bytes / std::max<int64_t>(1, bytes / targets);

@@ -11,6 +11,7 @@
 #include "absl/status/statusor.h"
 #include "locks/mutex.h"
 #include "server/monitoring/metrics.h"
+#include "server/serving/memory_budget.h"
 
 namespace maneuver::serving {
 
@@ -43,10 +44,13 @@ class SendMemory {
     int64_t bytes_ = 0;
   };
 
-  SendMemory(const SendLimits& limits, monitoring::MetricRegistry& metrics);
+  //   budget: of the whole process, is asked first; must outlive this object; nullptr: none
+  SendMemory(const SendLimits& limits, monitoring::MetricRegistry& metrics,
+             MemoryBudget* budget = nullptr);
 
   // Reserves memory for an answer of at most `bytes`, about `targets` > 0 targets.
   // RESOURCE_EXHAUSTED:
+  //   MEMORY_FULL: the whole process has too little left; has a retry delay.
   //   RESPONSE_TOO_LARGE: more than max_response_bytes; the message says what to request instead.
   //   SEND_MEMORY_FULL: answers that callers have not read leave no room; has a retry delay.
   absl::StatusOr<Share> Reserve(int64_t bytes, int64_t targets);
@@ -55,6 +59,7 @@ class SendMemory {
   void Release(int64_t bytes);
 
   const SendLimits limits_;
+  MemoryBudget* const budget_;
   monitoring::Gauge& used_gauge_;
   monitoring::Counter& too_large_;
   monitoring::Counter& full_;

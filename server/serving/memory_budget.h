@@ -1,0 +1,63 @@
+// One limit for the memory of the whole server, whatever uses it: requests, answers that nobody
+// reads, uploads, maps, watchers, models. Near the limit calls are refused, so that the system does
+// not end the server.
+
+#ifndef MANEUVER_SERVER_SERVING_MEMORY_BUDGET_H_
+#define MANEUVER_SERVER_SERVING_MEMORY_BUDGET_H_
+
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <thread>
+
+#include "absl/status/status.h"
+#include "locks/stop_latch.h"
+#include "server/monitoring/metrics.h"
+
+namespace maneuver::serving {
+
+// Safe to use from any thread.
+class MemoryBudget {
+ public:
+  // Watches the memory of this process, fifty times a second, and shows it as a metric.
+  //   limit: bytes of anonymous memory; 0: any number, and nothing is watched
+  MemoryBudget(int64_t limit, monitoring::MetricRegistry& metrics);
+  // The same, for tests, over other sources.
+  //   used: returns the bytes in use
+  //   free_unused: gives memory that was freed back to the system
+  MemoryBudget(int64_t limit, std::function<int64_t()> used, std::function<void()> free_unused,
+               monitoring::MetricRegistry& metrics);
+  ~MemoryBudget();
+  MemoryBudget(const MemoryBudget&) = delete;
+  MemoryBudget& operator=(const MemoryBudget&) = delete;
+
+  // Returns OK while less than 80 % of the limit is in use. The rest is for the calls that were
+  // admitted before. Otherwise RESOURCE_EXHAUSTED with the reason MEMORY_FULL and a retry delay.
+  absl::Status Admit();
+
+  // Looks at the memory now. If it is full, frees what is unused, at most once a second, and looks
+  // again. Not to be called from several threads at once.
+  void Look();
+
+ private:
+  void Watch();
+
+  const int64_t limit_;
+  const std::function<int64_t()> used_;
+  const std::function<void()> free_unused_;
+  monitoring::Gauge* used_gauge_ = nullptr;
+  monitoring::Counter* refusals_ = nullptr;
+  std::atomic<bool> is_full_ = false;
+  std::chrono::steady_clock::time_point may_free_from_{};
+  StopLatch stop_;
+  std::thread thread_;
+};
+
+// Returns the largest part of `configured` bytes that a buffer may have under a limit, of which it
+// gets one part in `parts`; `configured` if there is no limit.
+int64_t ShareOf(int64_t limit, int parts, int64_t configured);
+
+}  // namespace maneuver::serving
+
+#endif  // MANEUVER_SERVER_SERVING_MEMORY_BUDGET_H_

@@ -1,0 +1,269 @@
+#!/usr/bin/python3
+"""A server in a control group of 512 MB gets three times the load that fits, of every kind that takes memory, and is never
+ended by the system.
+
+Callers ask for large answers and do not read them, send large scenes, register large maps, upload, and watch jobs;
+together they ask for three times the limit. The server refuses what it has no room for, with a reason, and a planner
+who asks for little is answered before, during the load at least at times, and at once after it.
+
+Where no control group can be made, the script watches the memory instead, and says so.
+"""
+
+import argparse
+import collections
+import os
+import pathlib
+import re
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import urllib.request
+
+import grpc
+import json
+
+REPOSITORY = pathlib.Path(__file__).resolve().parent.parent.parent
+BUILD = REPOSITORY / "build" / "release"
+import maneuver  # noqa: E402
+from maneuver import v1  # noqa: E402
+
+PATIENCE_S = 120
+MB = 1 << 20
+TIMES = 3  # what callers ask for, in limits
+
+
+class ControlGroup:
+    """A control group with a memory limit, of version 1 or 2; none where it cannot be made."""
+
+    def __init__(self, limit):
+        self.folder = None
+        for parent, file in ((pathlib.Path("/sys/fs/cgroup/memory"), "memory.limit_in_bytes"),
+                             (pathlib.Path("/sys/fs/cgroup"), "memory.max")):
+            folder = parent / f"maneuver-memory-test-{os.getpid()}"
+            try:
+                folder.mkdir()
+                (folder / file).write_text(str(limit))
+                self.folder = folder
+                return
+            except OSError:
+                if folder.exists():
+                    folder.rmdir()
+
+    def enter(self):
+        if self.folder:
+            (self.folder / "cgroup.procs").write_text(str(os.getpid()))
+
+    def kills(self):
+        """How often the system ended a process of the group for its memory."""
+        for name in ("memory.oom_control", "memory.events"):
+            file = self.folder / name
+            if file.exists():
+                return int(re.search(r"^oom_kill (\d+)", file.read_text(), re.MULTILINE)[1])
+        return 0
+
+    def remove(self):
+        if self.folder:
+            self.folder.rmdir()
+
+
+class Server:
+    def __init__(self, options, work, group):
+        ports = work / "ports.json"
+        self.log = work / "maneuverd.log"
+        (work / "data" / "models" / "small").mkdir(parents=True)
+        subprocess.run([options.small_model, work / "data" / "models" / "small" / "1"], check=True)
+        with open(self.log, "ab") as log:
+            self.process = subprocess.Popen(
+                [options.maneuverd, "--data-dir", work / "data", "--listen", "127.0.0.1:0", "--metrics-listen",
+                 "127.0.0.1:0", "--port-file", ports, "--serve", "small/1", "--memory-limit", f"{options.limit}MiB",
+                 *options.flags], stdout=log, stderr=log, preexec_fn=group.enter)
+        give_up = time.monotonic() + PATIENCE_S
+        while not ports.exists():
+            if self.process.poll() is not None or time.monotonic() > give_up:
+                raise RuntimeError(self.log.read_text())
+            time.sleep(0.05)
+        addresses = json.loads(ports.read_text())
+        self.address, self.metrics_address = addresses["grpc"], addresses["metrics"]
+
+    def resident_mb(self):
+        status = pathlib.Path(f"/proc/{self.process.pid}/status").read_text()
+        return int(re.search(r"RssAnon:\s+(\d+)", status)[1]) / 1024
+
+    def metric(self, name):
+        with urllib.request.urlopen(f"http://{self.metrics_address}/metrics", timeout=PATIENCE_S) as page:
+            return float(re.search(rf"^{name} (\S+)", page.read().decode(), re.MULTILINE)[1])
+
+
+def vehicle(number, states=3):
+    return v1.Agent(id=number, type=v1.AGENT_TYPE_VEHICLE, length=4.5, width=1.9, states=[
+        v1.AgentState(time=0.1 * i, x=number % 1000 + 0.5 * i, velocity_x=5) for i in range(states)])
+
+
+def field(number, message):
+    """A message within another, as bytes: parsing and writing large ones is slow in Python."""
+    head, size = bytes([number << 3 | 2]), len(message)
+    while size > 127:
+        head, size = head + bytes([size & 127 | 128]), size >> 7
+    return head + bytes([size]) + message
+
+
+class Load:
+    def __init__(self, options, server):
+        self.options = options
+        self.server = server
+        self.over = threading.Event()
+        self.ends = collections.Counter()
+        self.lock = threading.Lock()
+        # Messages are joined by joining their bytes. A request has 10 MB of a limit of 512; parsed, it takes several
+        # times that.
+        size = options.limit * MB // 52
+        scene = v1.Scenario(prediction_time=0.2, target_ids=range(1, 4), agents=[vehicle(i) for i in range(1, 101)])
+        scenes = v1.PredictRequest(scenarios=[scene]).SerializeToString()
+        self.large = v1.PredictRequest(model="models/small", query=v1.DistributionQuery(
+            min_probability=0)).SerializeToString() + scenes * (size // len(scenes))
+        self.large_item = v1.StreamPredictRequest(request_id="a").SerializeToString() + field(
+            v1.StreamPredictRequest.DESCRIPTOR.fields_by_name["request"].number, self.large)
+        points = [0.01 * i for i in range(size // 20)]
+        self.large_map = v1.RegisterMapRequest(map_features=[v1.MapFeature(
+            id=1, type=v1.MAP_FEATURE_TYPE_LANE_CENTERLINE, x=points, y=points)]).SerializeToString()
+        self.chunk = v1.UploadDatasetRequest(chunk=bytes(size)).SerializeToString()
+
+    def note(self, kind, error):
+        with self.lock:
+            self.ends[f"{kind}: {error.code().name if isinstance(error, grpc.RpcError) else error}"] += 1
+
+    def predict(self, channel):
+        """Large scenes, for large answers."""
+        channel.unary_unary("/maneuver.v1.PredictionService/Predict")(self.large, timeout=5)
+
+    def stream(self, channel):
+        """Asks and asks, and reads one answer in a while."""
+        answers = channel.stream_stream("/maneuver.v1.PredictionService/StreamPredict",
+                                        request_serializer=lambda message: message)(iter([self.large_item] * 8), timeout=5)
+        for _ in answers:
+            if self.over.wait(1):
+                answers.cancel()
+                return
+
+    def register(self, channel):
+        another = v1.RegisterMapRequest(map_features=[v1.MapFeature(
+            id=2, type=v1.MAP_FEATURE_TYPE_LANE_CENTERLINE, x=[0, time.monotonic()], y=[0, 1])]).SerializeToString()
+        channel.unary_unary("/maneuver.v1.PredictionService/RegisterMap")(self.large_map + another, timeout=5)
+
+    def upload(self, channel):
+        """A message as large as they may be, of an upload that nobody ordered."""
+        channel.stream_unary("/maneuver.v1.DatasetService/UploadDataset", request_serializer=lambda message: message)(
+            iter([self.chunk] * 4), timeout=5)
+
+    def watch(self, channel):
+        for _ in range(50):
+            channel.unary_stream("/grpc.health.v1.Health/Watch")(b"", timeout=5)
+        self.over.wait(0.5)
+
+    def again_and_again(self, kind, call):
+        while not self.over.is_set():
+            with grpc.insecure_channel(self.server.address, options=[("grpc.use_local_subchannel_pool", 1), (
+                    "grpc.max_receive_message_length", -1)]) as channel:
+                while not self.over.is_set():
+                    try:
+                        call(channel)
+                        self.note(kind, "OK")
+                    except grpc.RpcError as error:
+                        self.note(kind, error)
+                        if error.code() == grpc.StatusCode.UNAVAILABLE:
+                            break
+                        self.over.wait(0.05)
+
+    def begin(self):
+        """Each caller has an eighth of the limit at the server at once: request, parsed scenes, answer, or map."""
+        callers = TIMES * 8
+        kinds = (self.predict, self.predict, self.stream, self.register, self.upload, self.watch)
+        self.threads = [threading.Thread(target=self.again_and_again, args=(kind.__name__, kind))
+                        for kind in (kinds * callers)[:callers]]
+        for thread in self.threads:
+            thread.start()
+
+    def end(self):
+        self.over.set()
+        for thread in self.threads:
+            thread.join()
+
+
+def planner(server, seconds, ends, most):
+    """Asks for little, ten times a second, until `seconds` are over. Notes the most memory that was seen."""
+    scene = v1.Scenario(prediction_time=0.2, target_ids=[1], agents=[vehicle(1)])
+    give_up = time.monotonic() + seconds
+    with maneuver.Client(server.address) as client:
+        while time.monotonic() < give_up and server.process.poll() is None:
+            try:
+                client.predict(scene, model="models/small", timeout=10)
+                ends["OK"] += 1
+            except maneuver.ManeuverError as error:
+                ends[f"{error.code.name} {error.reason}"] += 1
+            time.sleep(0.1)
+            if server.process.poll() is None:
+                most[0] = max(most[0], server.resident_mb())
+
+
+def run(options, work, group):
+    server = Server(options, work, group)
+    failures = []
+    most = [server.resident_mb()]
+    try:
+        before, during, after = collections.Counter(), collections.Counter(), collections.Counter()
+        planner(server, 2, before, most)
+        load = Load(options, server)
+        load.begin()
+        planner(server, options.seconds, during, most)
+        load.end()
+        give_up = time.monotonic() + PATIENCE_S
+        while server.process.poll() is None and time.monotonic() < give_up and not after["OK"]:
+            planner(server, 0.5, after, most)
+        print(f"{TIMES} times the load, {len(load.threads)} callers, {options.seconds:.0f} s, limit {options.limit} MiB")
+        print("planner before, during, after:", dict(before), dict(during), dict(after))
+        print("load:", ", ".join(f"{count} {end}" for end, count in sorted(load.ends.items())))
+        print(f"most memory {most[0]:.0f} MB")
+        if server.process.poll() is not None:
+            failures.append(f"the server ended with status {server.process.returncode}: {server.log.read_text()[-1000:]}")
+            return failures
+        print(f"maneuver_memory_bytes {server.metric('maneuver_memory_bytes') / 1e6:.0f} MB, "
+              f"maneuver_memory_refusals_total {server.metric('maneuver_memory_refusals_total'):.0f}")
+        if group.folder is None:
+            print("no control group could be made: the memory was watched from outside")
+            if most[0] > options.limit:
+                failures.append(f"the server took {most[0]:.0f} MB of {options.limit}")
+        elif group.kills():
+            failures.append("the system ended a process of the control group")
+        if not before["OK"] or not during["OK"] or not after["OK"]:
+            failures.append("the planner was not answered before, during or after the load")
+        if "UNAVAILABLE" in " ".join(during):
+            failures.append("the planner lost its server during the load")
+    finally:
+        server.process.kill()
+        server.process.wait()
+    return failures
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--limit", type=int, default=512, help="MiB, of the control group and of --memory-limit")
+    parser.add_argument("--seconds", type=float, default=30, help="of the load")
+    parser.add_argument("--flags", type=str.split, default=[], help="more options of maneuverd, in one word")
+    parser.add_argument("--maneuverd", type=pathlib.Path, default=BUILD / "bin" / "maneuverd")
+    parser.add_argument("--small-model", type=pathlib.Path, default=BUILD / "tests" / "write_small_model")
+    options = parser.parse_args()
+    group = ControlGroup(options.limit * MB)
+    with tempfile.TemporaryDirectory(prefix="maneuver-memory-") as work:
+        try:
+            failures = run(options, pathlib.Path(work), group)
+        finally:
+            group.remove()
+    for failure in failures:
+        print("FAILED:", failure, file=sys.stderr)
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
