@@ -92,6 +92,8 @@ class Supervisor {
   // reference points to now.
   absl::StatusOr<v1::Job> Evaluate(const v1::EvaluateRequest& request);
   absl::StatusOr<v1::Job> CrossValidate(const v1::CrossValidateRequest& request);
+  // Creates a recalibration job, as Evaluate does.
+  absl::StatusOr<v1::Job> Recalibrate(const v1::RecalibrateRequest& request);
 
   absl::StatusOr<v1::Job> Get(const std::string& name);
   // Lists jobs, newest first.

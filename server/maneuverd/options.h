@@ -42,6 +42,7 @@ struct ServerOptions {
   serving::MapCacheOptions maps;
   serving::SendLimits sends;
   serving::ShadowOptions shadow;
+  int64_t outcome_recordings = 0;  // bytes of disk for outcomes that become datasets; 0: none
   int64_t outcome_memory = 0;  // bytes of answers that are kept until their outcomes are reported
   data::DatasetStoreOptions datasets;
   inference::EngineOptions engine;
