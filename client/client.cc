@@ -174,6 +174,11 @@ absl::StatusOr<v1::ReportOutcomesResponse> Client::ReportOutcomes(
   return MANEUVER_CALL(outcomes, OutcomeService, ReportOutcomes, Repeatable::kNo, management);
 }
 
+absl::StatusOr<v1::CollectOutcomesResponse> Client::CollectOutcomes(
+    const v1::CollectOutcomesRequest& request, const CallOptions& call) {
+  return MANEUVER_CALL(outcomes, OutcomeService, CollectOutcomes, Repeatable::kNo, upload);
+}
+
 absl::StatusOr<v1::ListModelVersionsResponse> Client::ListModelVersions(
     const v1::ListModelVersionsRequest& request, const CallOptions& call) {
   return MANEUVER_CALL(models, ModelService, ListModelVersions, Repeatable::kYes, management);
@@ -277,6 +282,12 @@ absl::StatusOr<v1::Job> Client::CrossValidate(const v1::CrossValidateRequest& wi
                                               const CallOptions& call) {
   const v1::CrossValidateRequest request = WithRequestId(without_id);
   return MANEUVER_CALL(training, TrainingService, CrossValidate, Repeatable::kYes, management);
+}
+
+absl::StatusOr<v1::Job> Client::Recalibrate(const v1::RecalibrateRequest& without_id,
+                                            const CallOptions& call) {
+  const v1::RecalibrateRequest request = WithRequestId(without_id);
+  return MANEUVER_CALL(training, TrainingService, Recalibrate, Repeatable::kYes, management);
 }
 
 absl::StatusOr<v1::Job> Client::GetJob(const v1::GetJobRequest& request, const CallOptions& call) {

@@ -27,9 +27,9 @@
 // If the server requires identities, set tls and token_file of ClientOptions.
 //
 // Each call has one deadline for all its attempts. Calls that are safe to repeat are retried when
-// the server is UNAVAILABLE (retry.h): all except deletions and ReportOutcomes. Uploads continue
-// where they stopped. Train, Evaluate and CrossValidate are safe because they carry a request_id;
-// the client makes one if the request has none.
+// the server is UNAVAILABLE (retry.h): all except deletions, ReportOutcomes and CollectOutcomes.
+// Uploads continue where they stopped. Train, Evaluate, CrossValidate and Recalibrate are safe
+// because they carry a request_id; the client makes one if the request has none.
 
 #ifndef MANEUVER_CLIENT_CLIENT_H_
 #define MANEUVER_CLIENT_CLIENT_H_
@@ -97,6 +97,10 @@ class Client {
   // counted the outcomes.
   absl::StatusOr<v1::ReportOutcomesResponse> ReportOutcomes(
       const v1::ReportOutcomesRequest& request, const CallOptions& call = {});
+  // Makes a dataset of the outcomes that the server collected; the default deadline is that of
+  // uploads. Not retried: a server that lost its answer may have made the dataset.
+  absl::StatusOr<v1::CollectOutcomesResponse> CollectOutcomes(
+      const v1::CollectOutcomesRequest& request, const CallOptions& call = {});
 
   // Models.
   absl::StatusOr<v1::ListModelVersionsResponse> ListModelVersions(
@@ -174,6 +178,8 @@ class Client {
                                    const CallOptions& call = {});
   absl::StatusOr<v1::Job> CrossValidate(const v1::CrossValidateRequest& request,
                                         const CallOptions& call = {});
+  absl::StatusOr<v1::Job> Recalibrate(const v1::RecalibrateRequest& request,
+                                      const CallOptions& call = {});
   absl::StatusOr<v1::Job> GetJob(const v1::GetJobRequest& request, const CallOptions& call = {});
   absl::StatusOr<v1::ListJobsResponse> ListJobs(const v1::ListJobsRequest& request,
                                                 const CallOptions& call = {});

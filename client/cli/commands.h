@@ -15,6 +15,7 @@ void AddScenario(Command& root, Environment& environment);
 void AddTrain(Command& root, Environment& environment);
 void AddEvaluate(Command& root, Environment& environment);
 void AddCrossValidate(Command& root, Environment& environment);
+void AddRecalibrate(Command& root, Environment& environment);
 void AddJob(Command& root, Environment& environment);
 void AddModel(Command& root, Environment& environment);
 void AddPredict(Command& root, Environment& environment);  // probability, distribution, predict

@@ -100,6 +100,7 @@ std::string StateName(v1::JobState state) {
 }
 
 std::string Kind(const v1::Job& job) {
+  if (job.has_recalibrate()) return "recalibrate";
   if (job.has_cross_validate()) return "cross-validate";
   return job.has_train() ? "train" : job.has_evaluate() ? "evaluate" : "-";
 }
@@ -107,12 +108,14 @@ std::string Kind(const v1::Job& job) {
 std::string Subject(const v1::Job& job) {
   if (job.has_cross_validate()) return "-";
   if (!job.model_version().empty()) return ShortName(job.model_version());
+  if (job.has_recalibrate()) return ShortName(job.recalibrate().model());
   return ShortName(job.has_train() ? job.train().model() : job.evaluate().model());
 }
 
 std::string Datasets(const v1::Job& job) {
   if (job.has_train()) return absl::StrJoin(job.train().datasets(), " ");
   if (job.has_evaluate()) return job.evaluate().dataset();
+  if (job.has_recalibrate()) return absl::StrJoin(job.recalibrate().datasets(), " ");
   return absl::StrJoin(job.cross_validate().datasets(), " ");
 }
 
@@ -208,7 +211,9 @@ int PrintOutcome(const v1::Job& job, Environment& environment) {
                     << evaluation::CrossValidationText(job.cross_validation(), environment.color);
     return kOk;
   }
-  environment.out << job.model_version() << " was trained in " << Spell(took) << "\n"
+  environment.out << job.model_version()
+                  << (job.has_recalibrate() ? " was recalibrated in " : " was trained in ")
+                  << Spell(took) << "\n"
                   << PromotionText(job, environment.color);
   v1::GetModelVersionRequest request;
   request.set_name(job.model_version());

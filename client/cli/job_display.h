@@ -12,7 +12,7 @@
 namespace maneuver::cli {
 
 std::string StateName(v1::JobState state);  // "running"
-std::string Kind(const v1::Job& job);       // "train", "evaluate" or "cross-validate"
+std::string Kind(const v1::Job& job);       // "train", "evaluate", "recalibrate", ...
 std::string Subject(const v1::Job& job);    // the model or version: "town", "town/3"; else "-"
 std::string Datasets(const v1::Job& job);   // what it learns from or measures: "datasets/town"
 

@@ -81,6 +81,7 @@ int RunManeuver(const std::vector<std::string>& arguments, Environment& environm
   AddTrain(root, environment);
   AddEvaluate(root, environment);
   AddCrossValidate(root, environment);
+  AddRecalibrate(root, environment);
   AddJob(root, environment);
   AddModel(root, environment);
   AddPredict(root, environment);

@@ -355,6 +355,29 @@ class OutcomesCommand {
   ScoreSums sums_;
 };
 
+struct CollectArguments {
+  std::string dataset;
+  bool forget = false;
+};
+
+int Collect(const CollectArguments& arguments, Environment& environment) {
+  v1::CollectOutcomesRequest request;
+  request.set_dataset(DatasetResource(arguments.dataset));
+  request.set_forget(arguments.forget);
+  const auto response =
+      environment.server_client().CollectOutcomes(request, environment.call_options());
+  if (!response.ok()) return environment.Fail(response.status());
+  if (environment.json()) {
+    environment.PrintJson(*response);
+  } else {
+    environment.out << response->dataset().name() << ": " << response->dataset().recordings()
+                    << " recordings, " << response->surprising_recordings()
+                    << " of them the most surprising outcomes, " << response->sampled_recordings()
+                    << " a sample of the others\n";
+  }
+  return kOk;
+}
+
 }  // namespace
 
 void AddOutcomes(Command& root, Environment& environment) {
@@ -383,6 +406,19 @@ void AddOutcomes(Command& root, Environment& environment) {
     if (arguments->model.empty()) return environment.Refuse("--model: name a model");
     return OutcomesCommand(*arguments, environment).Run();
   });
+  const auto collected = std::make_shared<CollectArguments>();
+  Command collect = group.Add(
+      "collect", "Make a dataset of the outcomes that the server collected",
+      "A server that runs with --outcome-recordings keeps reported scenes with what followed them: "
+      "the\nmost surprising ones, and a sample of the others. This makes a dataset of them, to "
+      "train "
+      "and to\nrecalibrate on.\n"
+      "Example: maneuver outcomes collect surprises\n"
+      "         maneuver train town --start-from town --dataset town --dataset surprises");
+  collect.Argument("DATASET", &collected->dataset, "Dataset to make; must not exist");
+  collect.Flag("--forget", &collected->forget,
+               "Remove the outcomes from the collection: the next dataset holds only later ones");
+  collect.Run([collected, &environment] { return Collect(*collected, environment); });
 }
 
 }  // namespace maneuver::cli

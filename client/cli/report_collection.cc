@@ -226,8 +226,7 @@ absl::StatusOr<report::ReportData> CollectJob(const v1::Job& job, Environment& e
   if (!job.model_version().empty()) {
     return VersionCollector(environment).Collect(job.model_version(), std::nullopt, nullptr);
   }
-  report::ReportData data =
-      NewReport(absl::StrCat(ShortName(job.train().model()), ", job ", ShortName(job.name())));
+  report::ReportData data = NewReport(absl::StrCat(Subject(job), ", job ", ShortName(job.name())));
   auto learning = LearningOf(job, environment);
   if (!learning.ok()) return learning.status();
   data.learning = *std::move(learning);

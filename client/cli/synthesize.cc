@@ -12,6 +12,7 @@
 #include "client/cli/progress_line.h"
 #include "client/cli/text_format.h"
 #include "model/data/dataset_folder.h"
+#include "model/data/town/layouts.h"
 #include "model/data/town/synthetic_town.h"
 #include "model/machine/ordered_work.h"
 #include "model/machine/usable_cores.h"
@@ -54,15 +55,32 @@ struct SynthesizeArguments {
   int64_t seed = 1;
   double duration = 20.0;
   int64_t threads = 0;
+  std::vector<std::string> layouts;
+  std::vector<std::string> without;
 };
 
+// Empty: all.
+std::vector<std::string> ChosenLayouts(const SynthesizeArguments& arguments) {
+  if (arguments.without.empty()) return arguments.layouts;
+  std::vector<std::string> layouts = data::town::LayoutNames();
+  std::erase_if(layouts, [&](const std::string& layout) {
+    return std::ranges::find(arguments.without, layout) != arguments.without.end();
+  });
+  return layouts;
+}
+
 int Synthesize(const SynthesizeArguments& arguments, Environment& environment) {
+  if (arguments.without.size() >= data::town::LayoutNames().size() &&
+      ChosenLayouts(arguments).empty()) {
+    return environment.Refuse("--without: leave at least one kind of place");
+  }
   auto writer = data::DatasetWriter::Create(arguments.folder,
                                             absl::StrCat("synthetic town, seed ", arguments.seed));
   if (!writer.ok()) return environment.FailAt(arguments.folder, writer.status());
   TownOptions options;
   options.seed = static_cast<uint64_t>(arguments.seed);
   options.duration = arguments.duration;
+  options.layouts = ChosenLayouts(arguments);
   const int count = static_cast<int>(arguments.recordings);
   const int cores = machine::UsableCores();
   TownProduction production(options, count,
@@ -106,6 +124,12 @@ void AddSynthesize(Command& root, Environment& environment) {
   command.Option("--recordings", &arguments->recordings, 1, 1'000'000, "Number of recordings");
   command.Option("--seed", &arguments->seed, 0, INT64_MAX, "Seed of the town and its traffic");
   command.Option("--duration", &arguments->duration, 2.0, 600.0, "Seconds of each recording");
+  const std::vector<std::string> layouts = data::town::LayoutNames();
+  command.Choices("--layout", &arguments->layouts, layouts,
+                  "Kind of place to make recordings of; may be repeated [all]");
+  command.Choices("--without", &arguments->without, layouts,
+                  "Kind of place to leave out; may be repeated");
+  command.Exclude("--layout", "--without");
   command.Option("--threads", &arguments->threads, 0, 1'024, "Threads; 0: one for each core");
   command.Run([arguments, &environment] { return Synthesize(*arguments, environment); });
 }

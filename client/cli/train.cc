@@ -8,9 +8,9 @@
 #include "client/cli/commands.h"
 #include "client/cli/job_display.h"
 #include "client/cli/json_files.h"
+#include "client/cli/promotion_options.h"
 #include "client/cli/report.h"
 #include "client/cli/resource_names.h"
-#include "client/cli/rival_option.h"
 #include "client/cli/settings_argument.h"
 
 namespace maneuver::cli {
@@ -33,11 +33,7 @@ struct TrainArguments {
   std::optional<int64_t> actions;
   std::optional<int64_t> seed;
   std::optional<int64_t> priority;
-  std::string promote = "auto";
-  std::optional<std::string> promote_dataset;
-  std::vector<std::string> promote_metrics;
-  std::vector<std::string> promote_ahead;
-  std::vector<std::string> promote_not_behind;
+  PromotionArguments promotion;
   ReportFiles report;
   bool detach = false;
   bool validate_only = false;
@@ -88,45 +84,13 @@ absl::StatusOr<v1::TrainingSettings> Settings(const TrainArguments& arguments,
   return settings;
 }
 
-v1::Promotion PromotionOf(const std::string& choice) {
-  if (choice == "always") return v1::PROMOTION_ALWAYS;
-  if (choice == "never") return v1::PROMOTION_NEVER;
-  return choice == "if-no-worse" ? v1::PROMOTION_IF_NO_WORSE : v1::PROMOTION_UNSPECIFIED;
-}
-
-// What is wrong with the options, empty if nothing is.
-std::string SetPromotion(const TrainArguments& arguments, v1::TrainRequest& request) {
-  request.set_promotion(PromotionOf(arguments.promote));
-  if (request.promotion() != v1::PROMOTION_IF_NO_WORSE) {
-    const bool given = arguments.promote_dataset || !arguments.promote_metrics.empty() ||
-                       !arguments.promote_ahead.empty() || !arguments.promote_not_behind.empty();
-    return given ? "--promote-dataset, --promote-metric, --promote-ahead and --promote-not-behind "
-                   "need --promote if-no-worse"
-                 : "";
-  }
-  if (!arguments.promote_dataset) {
-    return "--promote if-no-worse needs --promote-dataset, the dataset to measure both versions on";
-  }
-  v1::PromotionCriteria& criteria = *request.mutable_promotion_criteria();
-  criteria.set_dataset(DatasetResource(*arguments.promote_dataset));
-  for (const std::string& text : arguments.promote_metrics) {
-    v1::MetricCriterion& criterion = *criteria.add_metrics();
-    const size_t equals = text.find('=');
-    criterion.set_metric(text.substr(0, equals));
-    if (equals == std::string::npos) continue;
-    double tolerance = 0.0;
-    if (!absl::SimpleAtod(text.substr(equals + 1), &tolerance)) {
-      return absl::StrCat("--promote-metric is NAME or NAME=TOLERANCE, such as nll=0.01; not ",
-                          text);
-    }
-    criterion.set_tolerance(tolerance);
-  }
-  absl::Status status = ParseRequirements(arguments.promote_ahead, v1::RIVAL_STANDARD_AHEAD,
-                                          "--promote-ahead", criteria.mutable_rivals());
-  status.Update(ParseRequirements(arguments.promote_not_behind, v1::RIVAL_STANDARD_NOT_BEHIND,
-                                  "--promote-not-behind", criteria.mutable_rivals()));
-  if (!status.ok()) return std::string(status.message());
-  return "";
+absl::Status SetPromotion(const PromotionArguments& arguments, v1::TrainRequest& request) {
+  v1::Promotion promotion = v1::PROMOTION_UNSPECIFIED;
+  std::optional<v1::PromotionCriteria> criteria;
+  absl::Status status = ReadPromotion(arguments, &promotion, &criteria);
+  request.set_promotion(promotion);
+  if (criteria) *request.mutable_promotion_criteria() = *std::move(criteria);
+  return status;
 }
 
 // NAME or NAME=WEIGHT each. What is wrong with them, empty if nothing is.
@@ -164,8 +128,8 @@ int Train(const TrainArguments& arguments, Environment& environment) {
     return environment.Refuse(wrong);
   }
   if (arguments.start_from) request.set_start_from(ModelResource(*arguments.start_from));
-  if (const std::string wrong = SetPromotion(arguments, request); !wrong.empty()) {
-    return environment.Refuse(wrong);
+  if (const absl::Status status = SetPromotion(arguments.promotion, request); !status.ok()) {
+    return environment.Refuse(std::string(status.message()));
   }
   request.set_ranks(static_cast<int32_t>(arguments.ranks.value_or(0)));
   request.set_priority(static_cast<int32_t>(arguments.priority.value_or(0)));
@@ -245,22 +209,7 @@ void AddTrain(Command& root, Environment& environment) {
                  "Epochs of the mixture alone");
   command.Option("--actions", &arguments->actions, 1, 10'000, "K, the number of actions");
   command.Option("--seed", &arguments->seed, 0, INT64_MAX, "Seed for all random choices");
-  command.Choice("--promote", &arguments->promote, {"auto", "never", "always", "if-no-worse"},
-                 "Whether the new version serves; auto: if none serves yet; if-no-worse: if none "
-                 "serves yet or it is no worse on --promote-dataset, and it meets --promote-ahead "
-                 "and --promote-not-behind");
-  command.Option("--promote-dataset", &arguments->promote_dataset,
-                 "Dataset to measure both versions on, for if-no-worse");
-  command.Option("--promote-metric", &arguments->promote_metrics,
-                 "NAME or NAME=TOLERANCE, such as nll=0.01, that may not be worse; may be repeated "
-                 "[min_ade_6 nll]");
-  command.Option("--promote-ahead", &arguments->promote_ahead,
-                 absl::StrCat("Require that the new version is ahead of this on --promote-dataset "
-                              "by the whole 95 % interval of the difference; may be repeated. ",
-                              kRivalHelp));
-  command.Option(
-      "--promote-not-behind", &arguments->promote_not_behind,
-      "Require that the new version is not behind this by the whole interval; undecided is enough");
+  AddPromotionOptions(command, &arguments->promotion);
   command.Option("--priority", &arguments->priority, -100, 100,
                  "Jobs with a higher priority run first [0]");
   command.Option("--report", &arguments->report.page,

@@ -219,6 +219,24 @@ absl::StatusOr<std::unique_ptr<DatasetUpload>> DatasetStore::BeginUpload(
   return StageDataset(id, FolderOf(id), manifest, *std::move(shards));
 }
 
+absl::StatusOr<std::unique_ptr<DatasetWriter>> DatasetStore::Create(const std::string& id,
+                                                                    const std::string& origin,
+                                                                    int64_t bytes) const {
+  std::error_code error;
+  if (fs::exists(FolderOf(id), error)) return DatasetExists(id);
+  const auto wanted = static_cast<uint64_t>(bytes);
+  const auto slot = staging_->Enter(id, " the server itself");  // no caller's name
+  const absl::Status fits =
+      staging_->Announce(*slot, {.announced = wanted, .missing = wanted},
+                         [&](const files::UploadStaging::Others& others) {
+                           return CheckRoom(wanted, 0, others.under_way.announced,
+                                            others.under_way.missing, others.broken_off);
+                         });
+  staging_->End(*slot);
+  if (!fits.ok()) return fits;
+  return DatasetWriter::Create(FolderOf(id), origin);
+}
+
 absl::StatusOr<v1::QueryUploadResponse> DatasetStore::QueryUpload(const std::string& id,
                                                                   const v1::Dataset& manifest,
                                                                   const std::string& caller) const {

@@ -29,6 +29,8 @@ class UploadStaging;
 
 namespace maneuver::data {
 
+class DatasetWriter;  // dataset_folder.h
+
 struct DatasetStoreOptions {
   // The most bytes that all datasets and unfinished uploads may have together; 0: only the disk
   // limits them. Datasets in place do not count.
@@ -71,6 +73,12 @@ class DatasetStore {
   absl::StatusOr<std::unique_ptr<DatasetUpload>> BeginUpload(
       const std::string& id, const v1::Dataset& manifest, const std::string& caller = "",
       std::vector<int64_t> arrived = {}) const;
+  // Begins a dataset that the server itself writes, from about this many bytes of recordings. It
+  // exists once it is committed. Errors: ALREADY_EXISTS, RESOURCE_EXHAUSTED and FAILED_PRECONDITION
+  // as in BeginUpload.
+  absl::StatusOr<std::unique_ptr<DatasetWriter>> Create(const std::string& id,
+                                                        const std::string& origin,
+                                                        int64_t bytes) const;
   // Returns how many bytes of each shard have arrived, which need not be sent again, and the
   // dataset itself if it exists with the same shards. The manifest must be valid.
   absl::StatusOr<v1::QueryUploadResponse> QueryUpload(const std::string& id,

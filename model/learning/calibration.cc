@@ -4,6 +4,7 @@
 #include <cmath>
 #include <string>
 
+#include "absl/strings/str_cat.h"
 #include "model/learning/covariance_fit.h"
 #include "model/learning/covariance_network.h"
 #include "model/learning/predictions.h"
@@ -73,6 +74,32 @@ void ScaleLogits(Networks& networks, double temperature) {
   networks[last + ".bias"].div_(temperature);
 }
 
+// Fits the temperature of p(y|s). Returns it.
+double CalibrateProbabilities(Networks& networks, Predictions& held_out) {
+  const double temperature =
+      FitTemperature(held_out.log_probabilities, held_out.log_responsibilities);
+  ScaleLogits(networks, temperature);
+  held_out.log_probabilities = at::log_softmax(held_out.log_probabilities / temperature, 1);
+  return temperature;
+}
+
+// Fits the factors of a covariance that the scene predicts.
+void CalibrateBySpeed(Networks& networks, const Predictions& held_out, double covered_share) {
+  at::Tensor factors = FitSpeedFactors(held_out);
+  if (covered_share > 0.0) factors = ScaleToCoverBySpeed(held_out, factors, covered_share);
+  at::NoGradGuard no_grad;
+  networks["scene_covariance.speed_factor"].copy_(factors);
+}
+
+// Scales any other covariance.
+void CalibrateAlongHorizon(Networks& networks, const Predictions& held_out, double covered_share) {
+  at::Tensor covariance = DecoderCovariance(networks, held_out);
+  at::Tensor factor = FitCovarianceScale(held_out, covariance, /*fit_latent=*/false).factor;
+  covariance = covariance * factor.view({1, -1, 1});
+  factor = factor * WidenToCover(held_out, covariance, covered_share);
+  ScaleDecoderCovariance(networks, factor);
+}
+
 }  // namespace
 
 double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log_responsibilities) {
@@ -131,41 +158,66 @@ absl::Status CalibrateModel(Networks& networks, const SceneSource& training_sour
     held_out = Predict(networks, held_out_examples);
   }
   if (has_held_out && optimization.calibrate_probabilities()) {
-    const double temperature =
-        FitTemperature(held_out.log_probabilities, held_out.log_responsibilities);
-    ScaleLogits(networks, temperature);
-    for (Predictions* each : {&training, &held_out}) {
-      each->log_probabilities = at::log_softmax(each->log_probabilities / temperature, 1);
-    }
+    const double temperature = CalibrateProbabilities(networks, held_out);
+    training.log_probabilities = at::log_softmax(training.log_probabilities / temperature, 1);
   }
   if (fixed) {
     at::NoGradGuard no_grad;
     const double variance = std::pow(networks.spec().decoder_stddev(), 2.0);
     networks["decoder.covariance"].copy_(at::tensor({variance, 0.0, variance}, at::kFloat));
   } else if (networks.spec().has_scene_covariance()) {
-    if (has_held_out) {
-      at::Tensor factors = FitSpeedFactors(held_out);
-      const double share = optimization.covered_share();
-      if (share > 0.0) factors = ScaleToCoverBySpeed(held_out, factors, share);
-      at::NoGradGuard no_grad;
-      networks["scene_covariance.speed_factor"].copy_(factors);
-    }
+    if (has_held_out) CalibrateBySpeed(networks, held_out, optimization.covered_share());
   } else {
     FitCovariance(networks, training, generator);
     if (stopped()) return stop();
-    if (has_held_out) {
-      at::Tensor covariance = DecoderCovariance(networks, held_out);
-      at::Tensor factor = FitCovarianceScale(held_out, covariance, /*fit_latent=*/false).factor;
-      covariance = covariance * factor.view({1, -1, 1});
-      factor = factor * WidenToCover(held_out, covariance, optimization.covered_share());
-      ScaleDecoderCovariance(networks, factor);
-    }
+    if (has_held_out) CalibrateAlongHorizon(networks, held_out, optimization.covered_share());
   }
 
   at::NoGradGuard no_grad;
   networks["mixture.log_weight"].copy_(
       training.log_probabilities.exp().mean(0).clamp_min(1e-9).log());
   return absl::OkStatus();
+}
+
+absl::Status RecalibrateModel(Networks& networks, const SceneSource& examples, int64_t most,
+                              double covered_share, int threads,
+                              const std::function<bool()>& stopped,
+                              const CountCalibrationStep& count) {
+  const auto stop = [] { return absl::CancelledError("the recalibration was stopped"); };
+  const auto found = static_cast<int64_t>(examples.set().examples.size());
+  if (std::min(found, most) < kFewestHeldOut) {
+    return absl::FailedPreconditionError(
+        absl::StrCat("recalibration needs ", kFewestHeldOut, " examples to fit to, and there are ",
+                     found, "; collect more outcomes, or make examples.stride smaller"));
+  }
+  const ExampleFeatures features =
+      EncodeExamples(networks, examples, most, threads, stopped, count);
+  if (stopped()) return stop();
+  Predictions predictions = Predict(networks, features);
+  if (stopped()) return stop();
+  CalibrateProbabilities(networks, predictions);
+  if (networks.spec().has_scene_covariance()) {
+    CalibrateBySpeed(networks, predictions, covered_share);
+  } else {
+    CalibrateAlongHorizon(networks, predictions, covered_share);
+  }
+  return absl::OkStatus();
+}
+
+CalibrationPlan PlanRecalibration(const v1::ModelSpec& spec, int64_t examples) {
+  const auto batches = [examples](int64_t batch) { return (examples + batch - 1) / batch; };
+  CalibrationPlan plan;
+  const auto planned = [&plan](CalibrationStep kind) -> PlannedSteps& {
+    return plan[static_cast<size_t>(kind)];
+  };
+  planned(CalibrationStep::kEncode) = {batches(kEncodedBatch), kEncodedBatch};
+  planned(CalibrationStep::kPredict) = {batches(kPredictedBatch), kPredictedBatch};
+  if (spec.has_scene_covariance()) {
+    planned(CalibrationStep::kFit) = SpeedFactorSteps(examples);
+  } else {
+    planned(CalibrationStep::kScale) = CovarianceScaleSteps(examples);
+  }
+  return plan;
 }
 
 CalibrationPlan PlanCalibration(const v1::TrainingSettings& settings,

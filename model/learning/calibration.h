@@ -39,6 +39,18 @@ absl::Status CalibrateModel(Networks& networks, const SceneSource& training_sour
                             at::Generator& generator, const std::function<bool()>& stopped,
                             const CountCalibrationStep& count);
 
+// Fits what CalibrateModel fits to held-out examples, of a model that is calibrated already: the
+// temperature of p(y|s), then the width of p(x|z). Leaves everything else as it is, also q(z|y,s).
+//   most: examples that are read, drawn evenly
+// FAILED_PRECONDITION if there are fewer than kFewestHeldOut.
+absl::Status RecalibrateModel(Networks& networks, const SceneSource& examples, int64_t most,
+                              double covered_share, int threads,
+                              const std::function<bool()>& stopped,
+                              const CountCalibrationStep& count);
+
+// Returns the steps that RecalibrateModel takes for this many examples.
+CalibrationPlan PlanRecalibration(const v1::ModelSpec& spec, int64_t examples);
+
 // Returns the steps that CalibrateModel takes. The settings are complete.
 CalibrationPlan PlanCalibration(const v1::TrainingSettings& settings,
                                 const CalibrationExamples& examples);

@@ -124,6 +124,7 @@ absl::StatusOr<v1::ModelManifest> ExportModel(artifact::StoredModel model, const
   status = Measure(**loaded, baselines ? &*baselines : nullptr, data, examples, options, &manifest,
                    &uses);
   if (!status.ok()) return status;
+  if (!options.uses.empty()) uses = options.uses;
   std::vector<double> usage;
   const std::unique_ptr<bool[]> effective(
       new bool[uses.size()]);  // std::vector<bool> is not an array

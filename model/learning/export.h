@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "maneuver/v1/evaluation.pb.h"
 #include "maneuver/v1/model.pb.h"
 #include "model/artifact/anchor_baselines.h"
 #include "model/artifact/model_folder.h"
@@ -27,6 +28,8 @@ struct ExportOptions {
   std::vector<std::string> labels;  // labels of the first actions
   // Derived names of the actions, [K]; empty: names are derived anew.
   std::vector<std::string> names;
+  // How each action is used, [K]; empty: as the held-out examples use it.
+  std::vector<v1::ActionUse> uses;
   // Baselines that are written to the folder and measured with the model.
   std::optional<artifact::StoredBaselines> baselines;
   int least_effective_actions = 0;  // see TrainingRun

@@ -19,7 +19,7 @@
 #include "model/learning/ranks/rank_group.h"
 #include "model/learning/run_examples.h"
 #include "model/learning/tensors.h"
-#include "model/learning/training_failure.h"
+#include "model/learning/torch_errors.h"
 #include "model/learning/training_progress.h"
 #include "model/machine/usable_cores.h"
 
@@ -280,18 +280,11 @@ class Training {
   TrainingProgress progress_;
 };
 
-absl::Status OutOfMemory() {
-  return WithFailure(absl::ResourceExhaustedError(
-                         "out of memory; use fewer recordings, smaller networks or batches, or "
-                         "raise the limit of the job"),
-                     TrainingFailure::kOutOfMemory);
-}
-
 // Runs `work` with LibTorch set up; its exceptions become a Status here and go no further.
 absl::StatusOr<v1::ModelManifest> Guarded(
     const TrainingRun& run,
     const std::function<absl::StatusOr<v1::ModelManifest>(Training&)>& work) {
-  try {
+  return WithoutExceptions([&]() -> absl::StatusOr<v1::ModelManifest> {
     const absl::StatusOr<at::Device> device = FindDevice(run);
     if (!device.ok()) return device.status();
     at::set_num_threads(Threads(run));
@@ -304,18 +297,7 @@ absl::StatusOr<v1::ModelManifest> Guarded(
     const absl::Status agreed = training.Agree();
     if (!agreed.ok()) return agreed;
     return work(training);
-  } catch (const c10::Error& error) {
-    const std::string what = error.what_without_backtrace();
-    // LibTorch's allocators of CPU and GPU have no exception of their own in all versions.
-    if (what.find("allocate memory") != what.npos || what.find("out of memory") != what.npos) {
-      return OutOfMemory();
-    }
-    return absl::InternalError(absl::StrCat("LibTorch: ", what));
-  } catch (const std::bad_alloc&) {
-    return OutOfMemory();
-  } catch (const std::exception& error) {
-    return absl::InternalError(absl::StrCat("LibTorch: ", error.what()));
-  }
+  });
 }
 
 }  // namespace

@@ -103,6 +103,10 @@ inline constexpr ReasonEntry kReasons[] = {
      "`action_name_0`, `action_name_1` and so on",
      "list the actions of `model_version` with GetActionSet and require their names, or give one "
      "the missing name with LabelAction"},
+    {"OUTCOMES_NOT_COLLECTED", "FAILED_PRECONDITION",
+     "the server collects no outcomes, or none has been reported with its scene",
+     "report outcomes with their scenes; have the operator start the server with "
+     "--outcome-recordings"},
     {"ANSWER_NOT_KEPT", "NOT_FOUND",
      "the server does not keep the answer whose outcome is reported: it was never given by this "
      "server, is already scored, or made room for newer ones (--outcome-memory)",

@@ -53,6 +53,9 @@ absl::StatusOr<v1::JobMemory> EstimateMemory(const v1::Job& job, const v1::Model
       static_cast<int64_t>(sizeof(float)) * artifact::CountCost(spec).parameters();
   if (job.has_evaluate()) {
     memory.set_network_bytes(weights);
+  } else if (job.has_recalibrate()) {
+    memory.set_network_bytes(2 * weights);  // the networks, and the model that they came from
+    memory.set_working_bytes(CalibrationBytes(spec, fit, data_memory));
   } else {
     const v1::TrainingSettings& settings =
         job.has_train() ? job.train().settings() : job.cross_validate().settings();

@@ -31,22 +31,22 @@ std::string ServingName(const serving::ModelVersions& versions, const std::strin
 }
 
 // Returns what publishing decided.
-v1::PromotionDecision AsPublished(const v1::Job& job, const serving::ModelVersions& versions) {
+v1::PromotionDecision AsPublished(const v1::Job& job, const VersionRequest& request,
+                                  const serving::ModelVersions& versions) {
   v1::PromotionDecision decision;
-  const v1::TrainRequest& request = job.train();
-  if (request.promotion() == v1::PROMOTION_NEVER) {
+  if (request.promotion == v1::PROMOTION_NEVER) {
     decision.set_reason("the request said never");
     return decision;
   }
   decision.set_promoted(true);
-  if (request.promotion() == v1::PROMOTION_ALWAYS) {
+  if (request.promotion == v1::PROMOTION_ALWAYS) {
     decision.set_reason("it was to be in any case");
     return decision;
   }
-  const std::string serving = ServingName(versions, request.model());
+  const std::string serving = ServingName(versions, request.model);
   decision.set_promoted(serving == job.model_version());
   if (decision.promoted()) {
-    decision.set_reason(absl::StrCat("no version of ", request.model(), " served"));
+    decision.set_reason(absl::StrCat("no version of ", request.model, " served"));
   } else {
     decision.set_reason(serving.empty() ? "the alias was deleted meanwhile"
                                         : absl::StrCat(serving, " serves"));
@@ -77,13 +77,14 @@ JobPromotion::JobPromotion(v1::Job& job, fs::path folder, const JobAttempt& atte
     : job_(job),
       folder_(std::move(folder)),
       attempt_(attempt),
-      criteria_(ResolveCriteria(job.train().promotion_criteria())) {}
+      request_(VersionRequestOf(job)),
+      criteria_(ResolveCriteria(request_.criteria)) {}
 
 absl::StatusOr<PromotionTask> JobPromotion::Task() const {
   const auto dataset = attempt_.environment.datasets->Get(
       std::string(absl::StripPrefix(criteria_.dataset(), "datasets/")));
   if (!dataset.ok()) return WithDefaultReason(dataset.status(), "UNUSABLE_DATA");
-  return PromotionTask{job_.train().model(), job_.model_version(), criteria_,
+  return PromotionTask{request_.model, job_.model_version(), criteria_,
                        data::ContentSha256(*dataset)};
 }
 
@@ -103,7 +104,7 @@ std::vector<std::string> JobPromotion::TrainerOptions() {
 }
 
 void JobPromotion::DecideAsPublished() {
-  Record(job_, AsPublished(job_, *attempt_.environment.versions), attempt_.now());
+  Record(job_, AsPublished(job_, request_, *attempt_.environment.versions), attempt_.now());
 }
 
 void JobPromotion::DecideAgainst(const absl::Status& why) {
@@ -119,7 +120,7 @@ Outcome JobPromotion::Conclude(PromotionOutcome outcome) {
 }
 
 std::string JobPromotion::Serving() {
-  return ServingName(*attempt_.environment.versions, job_.train().model());
+  return ServingName(*attempt_.environment.versions, request_.model);
 }
 
 absl::StatusOr<v1::EvaluationReport> JobPromotion::FindReport(const std::string& version) {

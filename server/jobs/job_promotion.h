@@ -16,6 +16,7 @@
 #include "maneuver/v1/training_service.pb.h"
 #include "server/jobs/job_attempt.h"
 #include "server/jobs/promotion.h"
+#include "server/jobs/version_request.h"
 
 namespace maneuver::jobs {
 
@@ -24,14 +25,14 @@ void DecideAgainstPromotion(v1::Job& job, const absl::Status& why, absl::Time no
 
 class JobPromotion final : public PromotionVersions {
  public:
-  // `job` must be a training job. `job` and `attempt` must outlive this object. Measurements run in
-  // `folder`, which is created when it is needed.
+  // `job` must be a training or a recalibration. `job` and `attempt` must outlive this object.
+  // Measurements run in `folder`, which is created when it is needed.
   JobPromotion(v1::Job& job, std::filesystem::path folder, const JobAttempt& attempt);
 
   bool HasVersion() const { return !job_.model_version().empty(); }
   bool IsDecided() const { return job_.has_promotion_decision(); }
   // Returns whether measurements decide, which they do with PROMOTION_IF_NO_WORSE.
-  bool IsByMeasurement() const { return job_.train().promotion() == v1::PROMOTION_IF_NO_WORSE; }
+  bool IsByMeasurement() const { return request_.promotion == v1::PROMOTION_IF_NO_WORSE; }
   // Returns the decision to make. Errors: those of DatasetStore::Get for the criteria's dataset,
   // with the reason UNUSABLE_DATA.
   absl::StatusOr<PromotionTask> Task() const;
@@ -60,6 +61,7 @@ class JobPromotion final : public PromotionVersions {
   v1::Job& job_;
   const std::filesystem::path folder_;
   const JobAttempt& attempt_;
+  const VersionRequest request_;
   const v1::PromotionCriteria criteria_;  // complete
   // Reports that this attempt made, by version. They stay here if their version is deleted.
   std::map<std::string, v1::EvaluationReport> measured_;

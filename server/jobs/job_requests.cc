@@ -94,9 +94,15 @@ void CheckCriteria(const v1::PromotionCriteria& criteria, bool with_baselines,
   }
 }
 
-void CheckPromotion(const v1::TrainRequest& request, Violations& violations) {
+// Checks the promotion of a request that makes a version.
+//   with_baselines: whether the version has baselines, as far as the request says
+template <typename Request>
+void CheckPromotion(const Request& request, bool with_baselines, Violations& violations) {
+  if (!v1::Promotion_IsValid(request.promotion())) {
+    violations.push_back({"promotion", "is not a promotion that this server knows"});
+  }
   if (request.promotion() == v1::PROMOTION_IF_NO_WORSE) {
-    CheckCriteria(request.promotion_criteria(), request.settings().baselines(), violations);
+    CheckCriteria(request.promotion_criteria(), with_baselines, violations);
   } else if (request.has_promotion_criteria()) {
     violations.push_back({"promotion_criteria", "only goes with PROMOTION_IF_NO_WORSE"});
   }
@@ -210,10 +216,7 @@ absl::Status CheckTrainRequest(const v1::TrainRequest& request) {
   if (request.datasets().empty()) violations.push_back({"datasets", "must name at least one"});
   std::set<std::string> seen;
   CheckDatasets(request.datasets(), "datasets", seen, violations);
-  if (!v1::Promotion_IsValid(request.promotion())) {
-    violations.push_back({"promotion", "is not a promotion that this server knows"});
-  }
-  CheckPromotion(request, violations);
+  CheckPromotion(request, request.settings().baselines(), violations);
   CheckRequestId(request.request_id(), violations);
   CheckPriority(request.priority(), violations);
   CheckWeights(request.settings(), request.datasets_size(), violations);
@@ -288,6 +291,30 @@ absl::Status CheckCrossValidateRequest(const v1::CrossValidateRequest& request) 
   return Checked(violations);
 }
 
+absl::Status CheckRecalibrateRequest(const v1::RecalibrateRequest& request) {
+  Violations violations;
+  if (!request.model().empty() && !security::ParseModelReference(request.model(), "model").ok()) {
+    violations.push_back({"model", kModelRule});
+  }
+  if (request.datasets().empty()) violations.push_back({"datasets", "must name at least one"});
+  std::set<std::string> seen;
+  CheckDatasets(request.datasets(), "datasets", seen, violations);
+  if (request.examples().dataset_weights_size() > 0) {
+    violations.push_back({"examples.dataset_weights", "applies only to training"});
+  }
+  // A version keeps the baselines that it has.
+  CheckPromotion(request, /*with_baselines=*/true, violations);
+  CheckRequestId(request.request_id(), violations);
+  CheckPriority(request.priority(), violations);
+  v1::TrainingSettings settings;
+  *settings.mutable_examples() = request.examples();
+  for (scene::FieldViolation& violation :
+       artifact::ValidateTrainingSettings(artifact::ResolveTrainingSettings(settings))) {
+    violations.push_back(std::move(violation));  // examples.... in both messages
+  }
+  return Checked(violations);
+}
+
 int FoldsOf(const v1::CrossValidateRequest& request) {
   return request.folds() == 0 ? kDefaultFolds : request.folds();
 }
@@ -311,6 +338,10 @@ std::string RequestDigest(v1::CrossValidateRequest request) {
   return DigestOfRequest(std::move(request));
 }
 
+std::string RequestDigest(v1::RecalibrateRequest request) {
+  return DigestOfRequest(std::move(request));
+}
+
 std::vector<std::string> DatasetIds(const v1::Job& job) {
   std::vector<std::string> ids;
   const auto add = [&ids](const std::string& name) {
@@ -319,6 +350,10 @@ std::vector<std::string> DatasetIds(const v1::Job& job) {
   if (job.has_train()) {
     for (const std::string& name : job.train().datasets()) add(name);
     if (job.train().has_promotion_criteria()) add(job.train().promotion_criteria().dataset());
+  } else if (job.has_recalibrate()) {
+    const v1::RecalibrateRequest& request = job.recalibrate();
+    for (const std::string& name : request.datasets()) add(name);
+    if (request.has_promotion_criteria()) add(request.promotion_criteria().dataset());
   } else if (job.has_cross_validate()) {
     for (const std::string& name : job.cross_validate().datasets()) add(name);
     for (const std::string& name : job.cross_validate().test_datasets()) add(name);

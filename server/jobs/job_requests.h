@@ -21,6 +21,7 @@ namespace maneuver::jobs {
 absl::Status CheckTrainRequest(const v1::TrainRequest& request);
 absl::Status CheckEvaluateRequest(const v1::EvaluateRequest& request);
 absl::Status CheckCrossValidateRequest(const v1::CrossValidateRequest& request);
+absl::Status CheckRecalibrateRequest(const v1::RecalibrateRequest& request);
 
 // Checks that the settings of a request with start_from fit a model of this spec. CheckTrainRequest
 // does not check this. INVALID_ARGUMENT lists each wrong field.
@@ -44,6 +45,7 @@ v1::ExampleSettings ResolveExamples(const v1::ExampleSettings& examples);
 std::string RequestDigest(v1::TrainRequest request);
 std::string RequestDigest(v1::EvaluateRequest request);
 std::string RequestDigest(v1::CrossValidateRequest request);
+std::string RequestDigest(v1::RecalibrateRequest request);
 
 // Return the number of folds and the fold seed, with the defaults for unset fields.
 int FoldsOf(const v1::CrossValidateRequest& request);

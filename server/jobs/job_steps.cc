@@ -8,14 +8,19 @@
 #include "server/jobs/learn_step.h"
 #include "server/jobs/measure_step.h"
 #include "server/jobs/publish_step.h"
+#include "server/jobs/recalibrate_step.h"
 
 namespace maneuver::jobs {
 
 JobSteps StepsOf(v1::Job& job, const std::filesystem::path& folder, const JobAttempt& attempt) {
   JobSteps steps;
-  if (job.has_train()) {
+  if (job.has_train() || job.has_recalibrate()) {
     const auto promotion = std::make_shared<JobPromotion>(job, folder / kPromotionFolder, attempt);
-    steps.push_back(std::make_unique<LearnStep>(job, folder, attempt, promotion));
+    if (job.has_train()) {
+      steps.push_back(std::make_unique<LearnStep>(job, folder, attempt, promotion));
+    } else {
+      steps.push_back(std::make_unique<RecalibrateStep>(job, folder, attempt, promotion));
+    }
     steps.push_back(std::make_unique<PublishStep>(job, folder, attempt));
     steps.push_back(std::make_unique<MeasureStep>(promotion));
     steps.push_back(std::make_unique<DecideStep>(promotion));

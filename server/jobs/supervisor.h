@@ -110,6 +110,8 @@ class Supervisor {
   absl::StatusOr<v1::Job> Evaluate(const v1::EvaluateRequest& request);
   // Creates a cross-validation job, as Train does.
   absl::StatusOr<v1::Job> CrossValidate(const v1::CrossValidateRequest& request);
+  // Creates a recalibration job, as Evaluate does.
+  absl::StatusOr<v1::Job> Recalibrate(const v1::RecalibrateRequest& request);
 
   // Returns a job. If it is PENDING, and no live server can run it, its error says why.
   absl::StatusOr<v1::Job> Get(const std::string& name);

@@ -117,6 +117,29 @@ absl::StatusOr<v1::Job> Supervisor::Evaluate(const v1::EvaluateRequest& request)
                     spec);
 }
 
+absl::StatusOr<v1::Job> Supervisor::Recalibrate(const v1::RecalibrateRequest& request) {
+  if (absl::Status status = CheckRecalibrateRequest(request); !status.ok()) return status;
+  const std::string digest = RequestDigest(request);
+  // An alias may have gone on since the job was first asked for.
+  bool found = false;
+  auto earlier = EarlierJob(request.request_id(), digest, &found);
+  if (found || !earlier.ok()) return earlier;
+  const auto model = ResolveReference(versions_, request.model());
+  if (!model.ok()) return model.status();
+  const auto manifest = artifact::ReadModelManifest(model->folder);
+  if (!manifest.ok()) return WithDefaultReason(manifest.status(), "MODEL_UNAVAILABLE");
+  v1::Job job;
+  *job.mutable_recalibrate() = request;
+  job.mutable_recalibrate()->set_model(model->name.ToString());
+  if (request.validate_only()) {
+    *job.mutable_recalibrate()->mutable_examples() = ResolveExamples(request.examples());
+  } else {
+    AddNeed(v1::Job(job), manifest->spec(), job);
+  }
+  return WithMemory(Admit(std::move(job), request.request_id(), digest, request.validate_only()),
+                    manifest->spec());
+}
+
 absl::StatusOr<v1::Job> Supervisor::CrossValidate(const v1::CrossValidateRequest& request) {
   if (absl::Status status = CheckCrossValidateRequest(request); !status.ok()) return status;
   if (absl::Status status = CheckDevice(request.settings()); !status.ok()) return status;

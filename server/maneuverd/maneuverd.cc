@@ -59,6 +59,7 @@
 #include "server/serving/local_model_versions.h"
 #include "server/serving/map_cache.h"
 #include "server/serving/memory_budget.h"
+#include "server/serving/outcome_collection.h"
 #include "server/serving/outcome_metrics.h"
 #include "server/serving/past_answers.h"
 #include "server/serving/send_memory.h"
@@ -283,7 +284,15 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   rpc::TrainingService training_service(**supervisor, disk, access);
   serving::OutcomeMetrics outcome_metrics(*metrics);
   rpc::WorkerPool scoring(kScoringThreads, kMaxWaitingForScores);
-  rpc::OutcomeService outcome_service(context, outcome_metrics, scoring);
+  std::unique_ptr<serving::OutcomeCollection> outcomes;
+  if (options.outcome_recordings > 0) {
+    auto opened = serving::OutcomeCollection::Open(options.data_dir / "outcomes",
+                                                   options.outcome_recordings, *metrics);
+    if (!opened.ok()) return opened.status();
+    outcomes = *std::move(opened);
+  }
+  rpc::OutcomeService outcome_service(context, outcome_metrics, scoring,
+                                      {outcomes.get(), datasets->get()});
   rpc::AdminService admin_service;
 
   const absl::Status refusal = RefusalOfPredictions(options.role);

@@ -337,6 +337,12 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
+  app.add_option("--outcome-recordings", options.outcome_recordings,
+                 "Most disk space of reported outcomes that are kept for a dataset, such as 1GiB: "
+                 "the most surprising ones, and a sample of the others; 0: keep none")
+      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
   app.add_option("--dataset-quota", options.datasets.quota_bytes,
                  "Most bytes of all datasets together, such as 50GiB; 0: no limit but the disk")
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
@@ -452,6 +458,12 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
                 "--role ", role, " needs --shared: other servers do what this one leaves out")));
   }
   if (options.replica_name.empty()) options.replica_name = HostName();
+  if (options.is_shared && options.outcome_recordings > 0) {
+    return refuse("", absl::FailedPreconditionError(
+                          "--outcome-recordings does not go with --shared: each outcome would be "
+                          "with the server that it was reported to; collect them on a server of "
+                          "its own"));
+  }
   options.datasets.is_shared = options.is_shared;
   auto folders = ParseFolders(dataset_folders);
   if (!folders.ok()) return refuse("--dataset-folders: ", folders.status());

@@ -46,6 +46,7 @@ struct ServerOptions {
   serving::SendLimits sends;
   int64_t memory_limit = 0;  // bytes of the whole process; 0: none. The buffers' limits fit into it
   serving::ShadowOptions shadow;
+  int64_t outcome_recordings = 0;  // bytes of disk for outcomes that become datasets; 0: none
   int64_t outcome_memory = 0;  // bytes of answers that are kept until their outcomes are reported
   data::DatasetStoreOptions datasets;
   inference::EngineOptions engine;

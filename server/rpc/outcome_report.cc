@@ -1,8 +1,10 @@
 #include "server/rpc/outcome_report.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <future>
+#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
@@ -14,6 +16,7 @@
 #include "absl/strings/str_cat.h"
 #include "server/errors/error_details.h"
 #include "server/rpc/prediction_plan.h"
+#include "server/serving/outcome_recording.h"
 #include "server/serving/outcome_scoring.h"
 #include "server/serving/past_answers.h"
 
@@ -116,6 +119,29 @@ class OutcomeReport {
       }
     }
     return Alive();
+  }
+
+  // Keeps the outcomes that came with their scenes, each with its most surprising target.
+  absl::Status Collect(serving::OutcomeCollection& collection) const {
+    constexpr size_t kNll = 4;
+    static_assert(serving::kOutcomeMetrics[kNll] == "nll");
+    std::vector<serving::CollectedOutcome> collected;
+    for (size_t i = 0; i < outcomes_.size(); ++i) {
+      const v1::Outcome& outcome = request_.outcomes(static_cast<int>(i));
+      if (!outcomes_[i].status.ok() || !outcome.has_scenario()) continue;
+      std::set<int64_t> scored;
+      double surprise = -std::numeric_limits<double>::infinity();
+      const inference::ActionModel* model = nullptr;
+      for (const ReportedTarget& target : outcomes_[i].targets) {
+        if (!target.status.ok()) continue;
+        scored.insert(target.reported->target_id());
+        surprise = std::max(surprise, target.scored->metrics[kNll]);
+        model = &target.model->model();
+      }
+      if (scored.empty()) continue;
+      collected.push_back({serving::OutcomeRecording(outcome, scored, model->spec()), surprise});
+    }
+    return collection.Add(collected);
   }
 
   // Counts each target, lets go of the answers that are scored, and writes the response.
@@ -335,9 +361,15 @@ int CountTargets(const v1::ReportOutcomesRequest& request) {
 absl::Status ReportOutcomes(PredictionContext& context, serving::OutcomeMetrics& metrics,
                             const v1::ReportOutcomesRequest& request, serving::TimePoint deadline,
                             const std::function<bool()>& cancelled,
-                            v1::ReportOutcomesResponse* response) {
+                            v1::ReportOutcomesResponse* response,
+                            serving::OutcomeCollection* collection) {
   OutcomeReport report(context, request, deadline, cancelled);
   if (absl::Status status = report.Score(); !status.ok()) return status;
+  if (collection != nullptr) {
+    if (absl::Status status = report.Collect(*collection); !status.ok()) {
+      return errors::WithStorageReason(status);
+    }
+  }
   report.Finish(metrics, response);
   return absl::OkStatus();
 }

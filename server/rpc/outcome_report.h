@@ -9,6 +9,7 @@
 #include "absl/status/status.h"
 #include "maneuver/v1/outcome_service.pb.h"
 #include "server/rpc/prediction_run.h"
+#include "server/serving/outcome_collection.h"
 #include "server/serving/outcome_metrics.h"
 
 namespace maneuver::rpc {
@@ -27,10 +28,13 @@ int CountTargets(const v1::ReportOutcomesRequest& request);
 // of BatchScheduler::Submit). Then no outcome is counted, and no kept answer is removed.
 //   context: without past_answers, outcomes of kept answers fail with ANSWER_NOT_KEPT
 //   cancelled: returns whether the caller has gone; called often
+//   collection: gets the outcomes that came with their scenes, before anything is counted; they are
+//     on disk when the call returns OK. May be nullptr
 absl::Status ReportOutcomes(PredictionContext& context, serving::OutcomeMetrics& metrics,
                             const v1::ReportOutcomesRequest& request, serving::TimePoint deadline,
                             const std::function<bool()>& cancelled,
-                            v1::ReportOutcomesResponse* response);
+                            v1::ReportOutcomesResponse* response,
+                            serving::OutcomeCollection* collection = nullptr);
 
 }  // namespace maneuver::rpc
 

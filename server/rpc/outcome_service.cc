@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/errors/error_details.h"
+#include "server/rpc/blocking_call.h"
 #include "server/rpc/guarded_service.h"
 #include "server/rpc/outcome_report.h"
 #include "server/rpc/prediction_admission.h"
@@ -44,8 +45,8 @@ absl::Status TooManyWait() {
 }  // namespace
 
 OutcomeService::OutcomeService(PredictionContext& context, serving::OutcomeMetrics& metrics,
-                               WorkerPool& scoring)
-    : context_(context), metrics_(metrics), scoring_(scoring) {}
+                               WorkerPool& scoring, const OutcomeStorage& storage)
+    : context_(context), metrics_(metrics), scoring_(scoring), storage_(storage) {}
 
 OutcomeService::~OutcomeService() = default;
 
@@ -63,10 +64,18 @@ grpc::ServerUnaryReactor* OutcomeService::ReportOutcomes(grpc::CallbackServerCon
   const bool accepted = fits && scoring_.Post([this, reactor, rpc, request, response, share] {
     reactor->Finish(ToGrpcStatus(maneuver::rpc::ReportOutcomes(
         context_, metrics_, *request, OnSteadyClock(DeadlineOf(*rpc)),
-        [rpc] { return rpc->IsCancelled(); }, response)));
+        [rpc] { return rpc->IsCancelled(); }, response, storage_.collection)));
   });
   if (!accepted) reactor->Finish(ToGrpcStatus(TooManyWait()));
   return reactor;
+}
+
+grpc::ServerUnaryReactor* OutcomeService::CollectOutcomes(grpc::CallbackServerContext* rpc,
+                                                          const v1::CollectOutcomesRequest* request,
+                                                          v1::CollectOutcomesResponse* response) {
+  return AnswerFrom(context_.blocking, rpc, [this, request, response] {
+    return MakeOutcomeDataset(storage_, *request, response);
+  });
 }
 
 }  // namespace maneuver::rpc

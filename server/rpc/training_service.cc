@@ -77,6 +77,14 @@ grpc::ServerUnaryReactor* TrainingService::CrossValidate(grpc::CallbackServerCon
   });
 }
 
+grpc::ServerUnaryReactor* TrainingService::Recalibrate(grpc::CallbackServerContext* rpc,
+                                                       const v1::RecalibrateRequest* request,
+                                                       v1::Job* response) {
+  return AnswerFrom(pool_, rpc, [this, request, response] {
+    return Answer(jobs_.Recalibrate(*request), response);
+  });
+}
+
 grpc::ServerUnaryReactor* TrainingService::GetJob(grpc::CallbackServerContext* rpc,
                                                   const v1::GetJobRequest* request,
                                                   v1::Job* response) {

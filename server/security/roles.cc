@@ -26,6 +26,7 @@ constexpr MethodRole kMethodRoles[] = {
     {"/maneuver.v1.PredictionService/RegisterMap", Role::kPredict},
 
     {"/maneuver.v1.OutcomeService/ReportOutcomes", Role::kPredict},
+    {"/maneuver.v1.OutcomeService/CollectOutcomes", Role::kTrain},
 
     {"/maneuver.v1.ModelService/ListModelVersions", Role::kPredict},
     {"/maneuver.v1.ModelService/GetModelVersion", Role::kPredict},
@@ -53,6 +54,7 @@ constexpr MethodRole kMethodRoles[] = {
     {"/maneuver.v1.TrainingService/Train", Role::kTrain},
     {"/maneuver.v1.TrainingService/Evaluate", Role::kTrain},
     {"/maneuver.v1.TrainingService/CrossValidate", Role::kTrain},
+    {"/maneuver.v1.TrainingService/Recalibrate", Role::kTrain},
     {"/maneuver.v1.TrainingService/GetJob", Role::kTrain},
     {"/maneuver.v1.TrainingService/ListJobs", Role::kTrain},
     {"/maneuver.v1.TrainingService/WatchJob", Role::kTrain},

@@ -88,6 +88,8 @@ const std::map<std::string, std::string> kHarmless = {
     {"maneuver.v1.TrainRequest.model", "models/a"},
     {"maneuver.v1.TrainRequest.datasets", "datasets/a"},
     {"maneuver.v1.CrossValidateRequest.datasets", "datasets/a"},
+    {"maneuver.v1.RecalibrateRequest.model", "models/a/versions/1"},
+    {"maneuver.v1.RecalibrateRequest.datasets", "datasets/a"},
     {"maneuver.v1.EvaluateRequest.model", "models/a/versions/1"},
     {"maneuver.v1.EvaluateRequest.dataset", "datasets/a"},
     {"maneuver.v1.ListModelVersionsRequest.parent", "models/a"},

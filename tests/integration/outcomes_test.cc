@@ -5,12 +5,15 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -24,6 +27,7 @@
 namespace maneuver::integration {
 namespace {
 
+namespace fs = std::filesystem;
 using nlohmann::json;
 using ::testing::HasSubstr;
 
@@ -31,8 +35,8 @@ class OutcomesTest : public ::testing::Test {
  protected:
   // All tests share one server and its model.
   static void SetUpTestSuite() {
-    trained_ =
-        std::make_unique<TrainedServer>(std::vector<std::string>{"--outcome-memory", "16MiB"});
+    trained_ = std::make_unique<TrainedServer>(
+        std::vector<std::string>{"--outcome-memory", "16MiB", "--outcome-recordings", "64MiB"});
   }
   static void TearDownTestSuite() { trained_ = nullptr; }
 
@@ -139,6 +143,99 @@ TEST_F(OutcomesTest, KeptAnswersAreScoredOnce) {
   EXPECT_EQ(Counted("scored") - scored, targets);
   EXPECT_EQ(Counted("unknown") - unknown, targets);
   EXPECT_EQ(ValueOf(MetricsPage(server()), "maneuver_outcome_kept_answers"), 0.0);
+}
+
+// Each target of the recordings at their prediction times.
+std::vector<v1::ReportOutcomesRequest> ReportsOf(const std::vector<v1::Scenario>& recordings) {
+  std::vector<v1::ReportOutcomesRequest> reports;
+  for (const v1::Scenario& recording : recordings) {
+    for (const int64_t id : recording.target_ids()) {
+      v1::ReportOutcomesRequest& report = reports.emplace_back();
+      report.set_model("models/tiny");
+      v1::Outcome& outcome = *report.add_outcomes();
+      *outcome.mutable_scenario() = recording;
+      v1::TargetOutcome& target = *outcome.add_targets();
+      target.set_target_id(id);
+      for (const v1::Agent& agent : recording.agents()) {
+        if (agent.id() != id) continue;
+        for (const v1::AgentState& state : agent.states()) {
+          if (state.time() > recording.prediction_time() + 1e-6) *target.add_states() = state;
+        }
+      }
+    }
+  }
+  return reports;
+}
+
+// Returns whether the outcome was scored and its report acknowledged.
+bool Acknowledged(v1::OutcomeService::Stub& stub, const v1::ReportOutcomesRequest& report) {
+  grpc::ClientContext context;
+  v1::ReportOutcomesResponse response;
+  return stub.ReportOutcomes(&context, report, &response).ok() && !response.scores(0).has_error() &&
+         !response.scores(0).targets(0).has_error();
+}
+
+TEST_F(OutcomesTest, AServerThatIsKilledHasEachAcknowledgedOutcomeOnce) {
+  const fs::path folder = trained_->data_dir() / "outcomes";
+  const auto collected = [&folder] {
+    std::set<std::string> names;
+    for (const auto& entry : fs::directory_iterator(folder)) {
+      const std::string name = entry.path().filename().string();
+      if (name.front() != '.') names.insert(name);
+    }
+    return names;
+  };
+  // What other tests left.
+  Run({"outcomes", "collect", "before", "--forget"}, collected().empty() ? 1 : 0);
+  ASSERT_TRUE(collected().empty());
+  const std::vector<v1::ReportOutcomesRequest> reports = ReportsOf(trained_->unseen());
+  ASSERT_GT(reports.size(), 20u);
+  std::atomic<size_t> acknowledged = 0;
+  std::atomic<bool> broken = false;
+  {
+    const auto stub = v1::OutcomeService::NewStub(server().channel());
+    std::jthread fleet([&] {
+      for (const v1::ReportOutcomesRequest& report : reports) {
+        if (!Acknowledged(*stub, report)) break;
+        ++acknowledged;
+      }
+      broken = true;
+    });
+    while (acknowledged < 5 && !broken) std::this_thread::yield();
+    server().Kill();
+  }
+  ASSERT_GE(acknowledged, 5u);
+  EXPECT_GE(collected().size(), acknowledged);
+  trained_->Restart();
+  EXPECT_GE(collected().size(), acknowledged);
+  // The fleet does not know which report arrived last, and repeats all of them.
+  const auto stub = v1::OutcomeService::NewStub(server().channel());
+  for (const v1::ReportOutcomesRequest& report : reports) {
+    EXPECT_TRUE(Acknowledged(*stub, report));
+  }
+  EXPECT_EQ(collected().size(), reports.size());
+  EXPECT_EQ(
+      ValueOf(MetricsPage(server()), "maneuver_outcome_collected_recordings{part=\"surprising\"}"),
+      static_cast<double>(reports.size()));
+  EXPECT_THAT(Run({"outcomes", "collect", "killed"}),
+              HasSubstr("datasets/killed: " + std::to_string(reports.size()) + " recordings"));
+  EXPECT_THAT(Run({"outcomes", "collect", "killed"}, /*status=*/1), HasSubstr("exists"));
+}
+
+TEST_F(OutcomesTest, CollectedOutcomesRecalibrateAndTrain) {
+  Report("unseen");
+  Run({"outcomes", "collect", "happened"});
+  const std::string recalibrated = Run(
+      {"recalibrate", "tiny", "--dataset", "happened", "--set", "examples.validation_share=0.3"});
+  EXPECT_THAT(recalibrated, HasSubstr("models/tiny/versions/2 was recalibrated in"));
+  EXPECT_THAT(recalibrated, HasSubstr("tiny/2 was not promoted"));
+  const std::string version = Run({"model", "show", "tiny/2", "--output", "json"});
+  EXPECT_THAT(version, HasSubstr("\"startFrom\": \"models/tiny/versions/1\""));
+  EXPECT_THAT(Run({"job", "list"}), HasSubstr("recalibrate"));
+  const std::string trained =
+      Run({"train", "tiny", "--start-from", "tiny/2", "--dataset", "town", "--dataset", "happened",
+           "--settings", trained_->settings().string(), "--epochs", "1", "--promote", "never"});
+  EXPECT_THAT(trained, HasSubstr("models/tiny/versions/3 was trained in"));
 }
 
 TEST_F(OutcomesTest, RefusesReportsThatAreEmptyOrTooLarge) {

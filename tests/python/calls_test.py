@@ -216,6 +216,7 @@ class Training(training_service_pb2_grpc.TrainingServiceServicer):
         self.asked_after = []
         self.deletions = 0
         self.trained = []
+        self.recalibrations = []
 
     def WatchJob(self, request, context):
         self.asked_after.append(request.after_sequence)
@@ -233,6 +234,12 @@ class Training(training_service_pb2_grpc.TrainingServiceServicer):
     def Train(self, request, context):
         self.trained.append(request.request_id)
         if len(self.trained) == 1:
+            context.abort(grpc.StatusCode.UNAVAILABLE, "away")
+        return v1.Job(name="jobs/a")
+
+    def Recalibrate(self, request, context):
+        self.recalibrations.append(request)
+        if len(self.recalibrations) == 1:
             context.abort(grpc.StatusCode.UNAVAILABLE, "away")
         return v1.Job(name="jobs/a")
 
@@ -307,6 +314,12 @@ class Outcomes(outcome_service_pb2_grpc.OutcomeServiceServicer):
             fail(context, *refusal(grpc.StatusCode.UNAVAILABLE, "SERVER_STOPS"))
         score = v1.TargetScore(target_id=request.outcomes[0].targets[0].target_id)
         return v1.ReportOutcomesResponse(scores=[v1.OutcomeScore(targets=[score])])
+
+    def CollectOutcomes(self, request, context):
+        self.requests.append(request)
+        if len(self.requests) == 1:
+            fail(context, *refusal(grpc.StatusCode.UNAVAILABLE, "SERVER_STOPS"))
+        return v1.CollectOutcomesResponse(surprising_recordings=3)
 
 
 class CallsTest(unittest.TestCase):
@@ -391,6 +404,25 @@ class CallsTest(unittest.TestCase):
         self.assertEqual(scores[0].targets[0].target_id, 7)
         self.assertEqual(self.outcomes.requests[1].outcomes[0].scenario_id, "drive")
         self.assertEqual(self.outcomes.requests[1].model, "models/m")
+
+    def test_does_not_repeat_a_collection_of_outcomes(self):
+        with self.assertRaises(maneuver.UnavailableError):
+            self.client().collect_outcomes("datasets/d", forget=True)
+        self.assertEqual(len(self.outcomes.requests), 1)
+        self.assertTrue(self.outcomes.requests[0].forget)
+        self.assertEqual(self.client().collect_outcomes("datasets/d").surprising_recordings, 3)
+        self.assertEqual(self.outcomes.requests[1].dataset, "datasets/d")
+
+    def test_repeats_a_recalibration_under_one_request_id(self):
+        self.client().recalibrate("models/m/versions/2", ["datasets/d"],
+                                  examples={"stride": "1s"}, promotion=v1.PROMOTION_NEVER)
+        first, second = self.training.recalibrations
+        self.assertEqual(first, second)
+        self.assertTrue(first.request_id)
+        self.assertEqual(first.model, "models/m/versions/2")
+        self.assertEqual(first.datasets, ["datasets/d"])
+        self.assertEqual(first.examples.stride.seconds, 1)
+        self.assertEqual(first.promotion, v1.PROMOTION_NEVER)
 
     def test_repeats_train_under_one_request_id(self):
         self.client().train("models/m", ["datasets/d"])

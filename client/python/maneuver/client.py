@@ -58,8 +58,9 @@ class Client(Predictor):
     deadline: seconds for a call with all its attempts, or Deadlines for each kind of call. Every
         method takes a `timeout` in its place.
     retries: how often a call that failed is tried again, or a RetryPolicy. Calls that are safe to
-        repeat are: all but deletions and report_outcomes. train, evaluate and cross_validate are safe because they
-        carry a request_id; one is made up where the caller gives none.
+        repeat are: all but deletions, report_outcomes and collect_outcomes. train, evaluate, cross_validate and
+        recalibrate are safe because they carry a request_id; one is made up where the caller gives
+        none.
     on_retry: told before each wait.
 
     The constructor does not wait for the server: the first call connects. It raises ValueError for
@@ -144,6 +145,19 @@ class Client(Predictor):
         deadline = self._connection.deadline(timeout, self._connection.deadlines.management)
         response: v1.ReportOutcomesResponse = self._connection.call(
             self._connection.outcomes.ReportOutcomes, request, deadline, repeatable=False)
+        return response
+
+    def collect_outcomes(self, dataset: str, *, forget: bool = False,
+                         timeout: Optional[float] = None) -> v1.CollectOutcomesResponse:
+        """Makes datasets/{dataset} of the outcomes that the server collected.
+
+        forget: remove them from the collection, so that the next dataset holds only later ones.
+        Not retried: a server whose answer was lost may have made the dataset.
+        """
+        deadline = self._connection.deadline(timeout, self._connection.deadlines.upload)
+        response: v1.CollectOutcomesResponse = self._connection.call(
+            self._connection.outcomes.CollectOutcomes,
+            v1.CollectOutcomesRequest(dataset=dataset, forget=forget), deadline, repeatable=False)
         return response
 
     # Models.
@@ -363,6 +377,23 @@ class Client(Predictor):
         mine.CopyFrom(request)
         mine.request_id = mine.request_id or uuid.uuid4().hex
         return self._manage(v1.Job, self._connection.training.CrossValidate, mine, timeout)
+
+    def recalibrate(self, model: str, datasets: Sequence[str], *,
+                    examples: Union[v1.ExampleSettings, Mapping[str, Any], None] = None,
+                    promotion: "v1.Promotion.ValueType" = v1.PROMOTION_UNSPECIFIED,
+                    promotion_criteria: Optional[v1.PromotionCriteria] = None, priority: int = 0,
+                    validate_only: bool = False, request_id: str = "",
+                    timeout: Optional[float] = None) -> v1.Job:
+        """Starts fitting a version's widths to what happened since; returns the job at once.
+
+        datasets: datasets/{dataset} that the version did not learn from. The new version is
+        `model_version` of the job that has ended. The rest is as in RecalibrateRequest.
+        """
+        request = v1.RecalibrateRequest(
+            model=model, datasets=datasets, examples=_message(examples, v1.ExampleSettings),
+            promotion=promotion, promotion_criteria=promotion_criteria, priority=priority,
+            validate_only=validate_only, request_id=request_id or uuid.uuid4().hex)
+        return self._manage(v1.Job, self._connection.training.Recalibrate, request, timeout)
 
     def get_job(self, name: str, *, timeout: Optional[float] = None) -> v1.Job:
         """Returns jobs/{job}."""

@@ -1,27 +1,44 @@
 #include "model/data/town/layouts.h"
 
+#include <algorithm>
 #include <array>
 #include <numbers>
 
 namespace maneuver::data::town {
 
-Place DrawPlace(Random& random) {
-  struct Family {
-    Place (*draw)(Random&);
-    double weight;
-  };
-  static constexpr std::array<Family, kLayoutCount> kFamilies = {{{StraightRoad, 0.4},
-                                                                  {CurvedRoad, 0.8},
-                                                                  {SignalCrossing, 2.2},
-                                                                  {StopCrossing, 1.8},
-                                                                  {TJunction, 1.5},
-                                                                  {Turnaround, 1.7},
-                                                                  {Roundabout, 1.5},
-                                                                  {Motorway, 0.35},
-                                                                  {MotorwayMerge, 0.7},
-                                                                  {CarPark, 1.3}}};
+namespace {
+
+struct Family {
+  const char* layout;  // Place.layout
+  Place (*draw)(Random&);
+  double weight;
+};
+constexpr std::array<Family, kLayoutCount> kFamilies = {{{"straight_road", StraightRoad, 0.4},
+                                                         {"curved_road", CurvedRoad, 0.8},
+                                                         {"signal_crossing", SignalCrossing, 2.2},
+                                                         {"stop_crossing", StopCrossing, 1.8},
+                                                         {"t_junction", TJunction, 1.5},
+                                                         {"turnaround", Turnaround, 1.7},
+                                                         {"roundabout", Roundabout, 1.5},
+                                                         {"motorway", Motorway, 0.35},
+                                                         {"motorway_merge", MotorwayMerge, 0.7},
+                                                         {"car_park", CarPark, 1.3}}};
+
+}  // namespace
+
+std::vector<std::string> LayoutNames() {
+  std::vector<std::string> names;
+  for (const Family& family : kFamilies) names.emplace_back(family.layout);
+  return names;
+}
+
+Place DrawPlace(Random& random, const std::vector<std::string>& layouts) {
   std::array<double, kLayoutCount> weights{};
-  for (int i = 0; i < kLayoutCount; ++i) weights[i] = kFamilies[i].weight;
+  for (int i = 0; i < kLayoutCount; ++i) {
+    const bool drawn =
+        layouts.empty() || std::ranges::find(layouts, kFamilies[i].layout) != layouts.end();
+    weights[i] = drawn ? kFamilies[i].weight : 0.0;
+  }
   Place place = kFamilies[random.Choose(weights)].draw(random);
   place.graph.FindConflicts();
   return place;

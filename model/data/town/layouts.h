@@ -4,6 +4,8 @@
 #define MANEUVER_MODEL_DATA_TOWN_LAYOUTS_H_
 
 #include <numbers>
+#include <string>
+#include <vector>
 
 #include "model/data/town/place.h"
 #include "model/data/town/random.h"
@@ -32,8 +34,11 @@ Place CarPark(Random& random);
 
 // Returns one of the above, crossings more often than others, with conflicts found and sources
 // added.
-Place DrawPlace(Random& random);
+//   layouts: names of those that may be drawn; empty: all
+Place DrawPlace(Random& random, const std::vector<std::string>& layouts = {});
 inline constexpr int kLayoutCount = 10;
+// Returns the names of all layouts: "roundabout", ...
+std::vector<std::string> LayoutNames();
 
 // Parks vehicles along the right or left kerb of a road with room for parking. Each place is taken
 // with probability `share`.

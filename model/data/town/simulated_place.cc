@@ -24,7 +24,7 @@ SimulatedPlace SimulatePlace(const TownOptions& options, int index) {
   for (int attempt = 0; attempt < kAttempts; ++attempt) {
     Random random(options.seed, static_cast<uint64_t>(index), kPlaceStream + 16 * attempt);
     SimulatedPlace drawn;
-    drawn.place = DrawPlace(random);
+    drawn.place = DrawPlace(random, options.layouts);
     TrafficOptions traffic;
     traffic.duration = options.duration;
     traffic.frame_interval = options.frame_interval;

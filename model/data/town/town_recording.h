@@ -4,6 +4,7 @@
 #define MANEUVER_MODEL_DATA_TOWN_TOWN_RECORDING_H_
 
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "maneuver/v1/dataset.pb.h"
@@ -15,6 +16,8 @@ struct TownOptions {
   uint64_t seed = 1;
   double duration = 20.0;       // seconds of each recording
   double frame_interval = 0.1;  // seconds
+  // The layouts that places have, by their names in layouts.h; empty: all.
+  std::vector<std::string> layouts = {};
 };
 
 // A recording, and what its vehicles do in it.

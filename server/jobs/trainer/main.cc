@@ -18,6 +18,7 @@
 #include "server/jobs/trainer/evaluate_command.h"
 #include "server/jobs/trainer/match_actions_command.h"
 #include "server/jobs/trainer/prune_command.h"
+#include "server/jobs/trainer/recalibrate_command.h"
 #include "server/jobs/trainer/stop_signal.h"
 #include "server/jobs/trainer/train_command.h"
 #include "server/jobs/trainer_protocol.h"
@@ -100,6 +101,7 @@ int main(int argc, char** argv) {
   maneuver::trainer::PruneCommand prune(app);
   maneuver::trainer::MatchActionsCommand match(app);
   maneuver::trainer::CrossValidateCommand cross_validate(app);
+  maneuver::trainer::RecalibrateCommand recalibrate(app);
   const CLI::App* const devices =
       app.add_subcommand("devices", "Print the devices that a training can use here, one a line");
   try {
@@ -121,5 +123,6 @@ int main(int argc, char** argv) {
   if (train.chosen()) return train.Run({argv, argv + argc});
   if (match.chosen()) return match.Run();
   if (cross_validate.chosen()) return cross_validate.Run();
+  if (recalibrate.chosen()) return recalibrate.Run();
   return prune.chosen() ? prune.Run() : evaluate.Run();
 }

@@ -3,11 +3,15 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <chrono>
+#include <cmath>
+#include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <functional>
 #include <future>
+#include <iterator>
 #include <limits>
 #include <map>
 #include <memory>
@@ -128,7 +132,8 @@ class OutcomeReportTest : public ::testing::Test {
                       bool cancelled = false) {
     response_.Clear();
     return ReportOutcomes(
-        *context_, metrics_, request, deadline, [cancelled] { return cancelled; }, &response_);
+        *context_, metrics_, request, deadline, [cancelled] { return cancelled; }, &response_,
+        collection_.get());
   }
 
   // Reports one outcome and returns its score.
@@ -188,6 +193,7 @@ class OutcomeReportTest : public ::testing::Test {
   std::vector<v1::Scenario> recordings_;
   std::vector<v1::Outcome> outcomes_;
   v1::ReportOutcomesResponse response_;
+  std::unique_ptr<serving::OutcomeCollection> collection_;  // nullptr: none are collected
 };
 
 TEST_F(OutcomeReportTest, MetricsEqualThoseOfAnEvaluationOfTheSameRecordings) {
@@ -236,6 +242,42 @@ TEST_F(OutcomeReportTest, MetricsEqualThoseOfAnEvaluationOfTheSameRecordings) {
     EXPECT_EQ(actions[k], report->action_uses(static_cast<int>(k)).examples()) << k;
   }
   EXPECT_EQ(Counted("scored"), static_cast<double>(outcomes_.size()));
+}
+
+TEST_F(OutcomeReportTest, CollectsScoredOutcomesWithTheirScenesOnceEach) {
+  const fs::path folder = folder_ / "outcomes";
+  collection_ = *serving::OutcomeCollection::Open(folder, 64 << 20, *page_);
+  const v1::Outcome by_id = Predict(outcomes_[5]);
+  v1::ReportOutcomesRequest request;
+  for (int i = 0; i < 4; ++i) *request.add_outcomes() = outcomes_[static_cast<size_t>(i)];
+  request.mutable_outcomes(1)->mutable_targets(0)->mutable_states()->Clear();
+  request.mutable_outcomes(2)->mutable_scenario()->mutable_agents(0)->set_length(-1.0);
+  *request.add_outcomes() = by_id;
+  for (int time = 0; time < 2; ++time) {
+    ASSERT_TRUE(Report(request).ok());
+    EXPECT_EQ(std::distance(fs::directory_iterator(folder), {}), 2);
+  }
+  // The name ends with the surprise.
+  for (const int i : {0, 3}) {
+    ASSERT_FALSE(response_.scores(i).targets(0).has_error());
+    const double nll = response_.scores(i).targets(0).metrics().at("nll");
+    char surprise[40];
+    std::snprintf(surprise, sizeof surprise, ",%.3f.outcome", std::round(1000.0 * nll) / 1000.0);
+    const auto named = std::ranges::count_if(
+        fs::directory_iterator(folder), [&surprise](const fs::directory_entry& entry) {
+          return entry.path().filename().string().ends_with(surprise);
+        });
+    EXPECT_EQ(named, 1) << surprise;
+  }
+}
+
+TEST_F(OutcomeReportTest, CountsNothingIfTheOutcomesCannotBeCollected) {
+  collection_ = *serving::OutcomeCollection::Open(folder_ / "outcomes", 64 << 20, *page_);
+  fs::remove_all(folder_ / "outcomes");
+  v1::ReportOutcomesRequest request;
+  *request.add_outcomes() = outcomes_[0];
+  EXPECT_FALSE(Report(request).ok());
+  EXPECT_EQ(Counted("scored"), 0.0);
 }
 
 TEST_F(OutcomeReportTest, AKeptAnswerGivesTheScoreOfItsSceneOnce) {

@@ -63,6 +63,21 @@ TEST(SyntheticTownTest, EveryLayoutAppears) {
   EXPECT_EQ(layouts.size(), static_cast<size_t>(kLayoutCount));
 }
 
+TEST(SyntheticTownTest, DrawsTheGivenLayoutsAlone) {
+  std::map<std::string, int> layouts;
+  for (int index = 0; index < 60; ++index) {
+    Random random(7, static_cast<uint64_t>(index), 1);
+    ++layouts[DrawPlace(random, {"roundabout", "car_park"}).layout];
+  }
+  EXPECT_EQ(layouts.size(), 2u);
+  EXPECT_GT(layouts["roundabout"], 10);
+  EXPECT_GT(layouts["car_park"], 10);
+  for (const std::string& name : LayoutNames()) {
+    Random random(7, 1, 1);
+    EXPECT_EQ(DrawPlace(random, {name}).layout, name);
+  }
+}
+
 TEST(SyntheticTownTest, RecordingsAreValidScenarios) {
   for (int index = 0; index < kRecordings; ++index) {
     const v1::Scenario& scenario = Recordings()[index].scenario;
