@@ -19,6 +19,7 @@
 #include "maneuver/v1/model_service.grpc.pb.h"
 #include "maneuver/v1/outcome_service.grpc.pb.h"
 #include "maneuver/v1/prediction_service.grpc.pb.h"
+#include "maneuver/v1/tag_service.grpc.pb.h"
 #include "maneuver/v1/training_service.grpc.pb.h"
 
 namespace maneuver::client {
@@ -34,6 +35,7 @@ struct Connection {
   std::unique_ptr<v1::ModelService::Stub> models;
   std::unique_ptr<v1::DatasetService::Stub> datasets;
   std::unique_ptr<v1::TrainingService::Stub> training;
+  std::unique_ptr<v1::TagService::Stub> tags;
   std::unique_ptr<v1::AdminService::Stub> admin;
   OverloadThrottle throttle;
   std::unique_ptr<PendingPredictions> pending;  // last: destroyed before what it uses

@@ -12,7 +12,7 @@
 namespace maneuver::cli {
 
 std::string StateName(v1::JobState state);  // "running"
-std::string Kind(const v1::Job& job);       // "train", "evaluate" or "cross-validate"
+std::string Kind(const v1::Job& job);       // "train", "evaluate", "cross-validate" or "tag"
 std::string Subject(const v1::Job& job);    // the model or version: "town", "town/3"; else "-"
 std::string Datasets(const v1::Job& job);   // what it learns from or measures: "datasets/town"
 
@@ -33,6 +33,9 @@ int WatchToEnd(const std::string& job, Environment& environment);
 // Returns whether the version of a job was promoted, why, and by which figures, as whole lines;
 // empty while this is not known.
 std::string PromotionText(const v1::Job& job, bool color);
+
+// Returns what tags hold: "tags/june: 1200 windows in 300 rows, 2 of 2 shards, 31 kB".
+std::string TagsText(const v1::Tags& tags);
 
 // Prints that a request is valid, and how much memory its job would take.
 void PrintValid(const v1::Job& job, Environment& environment);

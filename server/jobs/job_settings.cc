@@ -51,6 +51,7 @@ absl::Status EnsureSettings(const v1::Job& job, const serving::ModelVersions& ve
   std::error_code ignored;
   if (fs::exists(folder / kSettingsFile, ignored)) return absl::OkStatus();
   if (job.has_evaluate()) return WriteSettings(ResolveExamples(job.evaluate().examples()), folder);
+  if (job.has_tag()) return WriteSettings(job.tag(), folder);
   if (job.has_cross_validate()) {
     return WriteSettings(artifact::ResolveTrainingSettings(job.cross_validate().settings()),
                          folder);

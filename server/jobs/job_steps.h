@@ -3,6 +3,7 @@
 //   training           Learn → Publish → Measure → Decide
 //   evaluation         Evaluate
 //   cross-validation   CrossValidate
+//   tagging            Tag
 
 #ifndef MANEUVER_SERVER_JOBS_JOB_STEPS_H_
 #define MANEUVER_SERVER_JOBS_JOB_STEPS_H_

@@ -83,6 +83,7 @@ absl::Status Retention::SweepVersions() {
     for (const v1::Job& job : *jobs) {
       if (job.has_train()) needed.insert(job.train().start_from());
       if (job.has_evaluate()) needed.insert(job.evaluate().model());
+      if (job.has_tag()) needed.insert(job.tag().model());
     }
   }
   absl::Status result;

@@ -4,6 +4,7 @@
 #define MANEUVER_SERVER_MANEUVERD_JOB_OPTIONS_H_
 
 #include <CLI/CLI.hpp>
+#include <cstdint>
 #include <filesystem>
 #include <string>
 
@@ -22,6 +23,7 @@ struct JobOptions {
   jobs::CheckpointOptions checkpoints;
   int least_effective_actions = 2;
   jobs::RetentionPolicy retention;
+  int64_t tag_quota_bytes = 0;  // of all tags together; 0: no limit
 };
 
 // Adds the flags that set `options`. Parsing the command line writes to `options`, so it must live

@@ -47,6 +47,7 @@
 #include "server/rpc/prediction_admission.h"
 #include "server/rpc/prediction_service.h"
 #include "server/rpc/server.h"
+#include "server/rpc/tag_service.h"
 #include "server/rpc/training_service.h"
 #include "server/rpc/worker_pool.h"
 #include "server/serving/batch_scheduler.h"
@@ -108,6 +109,8 @@ class TerminationSignals {
 jobs::SupervisorOptions SupervisorOptionsFor(const ServerOptions& options) {
   jobs::SupervisorOptions supervisor;
   supervisor.folder = options.data_dir / "jobs";
+  supervisor.tags = options.data_dir / "tags";
+  supervisor.tag_quota_bytes = options.jobs.tag_quota_bytes;
   supervisor.trainer = options.jobs.trainer;
   supervisor.launcher = absl::StrSplit(options.jobs.trainer_command, ' ', absl::SkipEmpty());
   supervisor.limits = options.jobs.limits;
@@ -220,6 +223,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   rpc::ModelService model_service(**versions, **models, version_uploads, disk, access);
   rpc::DatasetService dataset_service(**datasets, **supervisor, disk, access);
   rpc::TrainingService training_service(**supervisor, disk, access);
+  rpc::TagService tag_service(**supervisor, disk, access);
   serving::OutcomeMetrics outcome_metrics(*metrics);
   rpc::WorkerPool scoring(kScoringThreads, kMaxWaitingForScores);
   rpc::OutcomeService outcome_service(context, outcome_metrics, scoring);
@@ -234,6 +238,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
                                     {v1::ModelService::service_full_name(), &model_service},
                                     {v1::DatasetService::service_full_name(), &dataset_service},
                                     {v1::TrainingService::service_full_name(), &training_service},
+                                    {v1::TagService::service_full_name(), &tag_service},
                                     {v1::AdminService::service_full_name(), &admin_service}},
                                    (*protection)->access(), *metrics, (*protection)->credentials(),
                                    options.limits);

@@ -53,12 +53,18 @@ constexpr MethodRole kMethodRoles[] = {
     {"/maneuver.v1.TrainingService/Train", Role::kTrain},
     {"/maneuver.v1.TrainingService/Evaluate", Role::kTrain},
     {"/maneuver.v1.TrainingService/CrossValidate", Role::kTrain},
+    {"/maneuver.v1.TrainingService/Tag", Role::kTrain},
     {"/maneuver.v1.TrainingService/GetJob", Role::kTrain},
     {"/maneuver.v1.TrainingService/ListJobs", Role::kTrain},
     {"/maneuver.v1.TrainingService/WatchJob", Role::kTrain},
     {"/maneuver.v1.TrainingService/CancelJob", Role::kTrain},
     {"/maneuver.v1.TrainingService/ResumeJob", Role::kTrain},
     {"/maneuver.v1.TrainingService/DeleteJob", Role::kAdmin},
+
+    {"/maneuver.v1.TagService/ListTags", Role::kTrain},
+    {"/maneuver.v1.TagService/GetTags", Role::kTrain},
+    {"/maneuver.v1.TagService/DownloadTags", Role::kTrain},
+    {"/maneuver.v1.TagService/DeleteTags", Role::kAdmin},
 
     {"/maneuver.v1.AdminService/GetLogLevel", Role::kAdmin},
     {"/maneuver.v1.AdminService/SetLogLevel", Role::kAdmin},

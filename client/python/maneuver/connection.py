@@ -18,6 +18,7 @@ from maneuver.v1.dataset_service_pb2_grpc import DatasetServiceStub
 from maneuver.v1.model_service_pb2_grpc import ModelServiceStub
 from maneuver.v1.outcome_service_pb2_grpc import OutcomeServiceStub
 from maneuver.v1.prediction_service_pb2_grpc import PredictionServiceStub
+from maneuver.v1.tag_service_pb2_grpc import TagServiceStub
 from maneuver.v1.training_service_pb2_grpc import TrainingServiceStub
 
 _Answer = TypeVar("_Answer")
@@ -85,6 +86,7 @@ class Connection:
         self.models = ModelServiceStub(self.channel)
         self.datasets = DatasetServiceStub(self.channel)
         self.training = TrainingServiceStub(self.channel)
+        self.tags = TagServiceStub(self.channel)
         self.admin = AdminServiceStub(self.channel)
 
     def _open(self, address: ServerAddress, health_service: str) -> grpc.Channel:
