@@ -106,6 +106,7 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const ClientOptions& opt
   connection->models = v1::ModelService::NewStub(connection->channel);
   connection->datasets = v1::DatasetService::NewStub(connection->channel);
   connection->training = v1::TrainingService::NewStub(connection->channel);
+  connection->tags = v1::TagService::NewStub(connection->channel);
   connection->pending = std::make_unique<PendingPredictions>(started);
   connection->replicas = v1::ReplicaService::NewStub(connection->channel);
   connection->admin = v1::AdminService::NewStub(connection->channel);
@@ -290,6 +291,11 @@ absl::StatusOr<v1::Job> Client::Recalibrate(const v1::RecalibrateRequest& withou
   return MANEUVER_CALL(training, TrainingService, Recalibrate, Repeatable::kYes, management);
 }
 
+absl::StatusOr<v1::Job> Client::Tag(const v1::TagRequest& without_id, const CallOptions& call) {
+  const v1::TagRequest request = WithRequestId(without_id);
+  return MANEUVER_CALL(training, TrainingService, Tag, Repeatable::kYes, management);
+}
+
 absl::StatusOr<v1::Job> Client::GetJob(const v1::GetJobRequest& request, const CallOptions& call) {
   return MANEUVER_CALL(training, TrainingService, GetJob, Repeatable::kYes, management);
 }
@@ -312,6 +318,20 @@ absl::StatusOr<v1::Job> Client::ResumeJob(const v1::ResumeJobRequest& request,
 absl::Status Client::DeleteJob(const v1::DeleteJobRequest& request, const CallOptions& call) {
   return StatusOnly(
       MANEUVER_CALL(training, TrainingService, DeleteJob, Repeatable::kNo, management));
+}
+
+absl::StatusOr<v1::ListTagsResponse> Client::ListTags(const v1::ListTagsRequest& request,
+                                                      const CallOptions& call) {
+  return MANEUVER_CALL(tags, TagService, ListTags, Repeatable::kYes, management);
+}
+
+absl::StatusOr<v1::Tags> Client::GetTags(const v1::GetTagsRequest& request,
+                                         const CallOptions& call) {
+  return MANEUVER_CALL(tags, TagService, GetTags, Repeatable::kYes, management);
+}
+
+absl::Status Client::DeleteTags(const v1::DeleteTagsRequest& request, const CallOptions& call) {
+  return StatusOnly(MANEUVER_CALL(tags, TagService, DeleteTags, Repeatable::kNo, management));
 }
 
 absl::StatusOr<v1::GetLogLevelResponse> Client::GetLogLevel(const v1::GetLogLevelRequest& request,

@@ -28,7 +28,7 @@
 //
 // Each call has one deadline for all its attempts. Calls that are safe to repeat are retried when
 // the server is UNAVAILABLE (retry.h): all except deletions, ReportOutcomes and CollectOutcomes.
-// Uploads continue where they stopped. Train, Evaluate, CrossValidate and Recalibrate are safe
+// Uploads continue where they stopped. Train, Evaluate, CrossValidate, Recalibrate and Tag are safe
 // because they carry a request_id; the client makes one if the request has none.
 
 #ifndef MANEUVER_CLIENT_CLIENT_H_
@@ -52,6 +52,7 @@
 #include "maneuver/v1/outcome_service.pb.h"
 #include "maneuver/v1/prediction_service.pb.h"
 #include "maneuver/v1/replica_service.pb.h"
+#include "maneuver/v1/tag_service.pb.h"
 #include "maneuver/v1/training_service.pb.h"
 
 namespace maneuver::client {
@@ -180,6 +181,7 @@ class Client {
                                         const CallOptions& call = {});
   absl::StatusOr<v1::Job> Recalibrate(const v1::RecalibrateRequest& request,
                                       const CallOptions& call = {});
+  absl::StatusOr<v1::Job> Tag(const v1::TagRequest& request, const CallOptions& call = {});
   absl::StatusOr<v1::Job> GetJob(const v1::GetJobRequest& request, const CallOptions& call = {});
   absl::StatusOr<v1::ListJobsResponse> ListJobs(const v1::ListJobsRequest& request,
                                                 const CallOptions& call = {});
@@ -194,6 +196,17 @@ class Client {
   absl::StatusOr<v1::Job> WatchJob(const v1::WatchJobRequest& request,
                                    const std::function<bool(const v1::Job&)>& on_event,
                                    const CallOptions& call = {});
+
+  // Tags, which jobs of Tag make.
+  absl::StatusOr<v1::ListTagsResponse> ListTags(const v1::ListTagsRequest& request,
+                                                const CallOptions& call = {});
+  absl::StatusOr<v1::Tags> GetTags(const v1::GetTagsRequest& request, const CallOptions& call = {});
+  // Writes the files of tags/{tags} `name` into a new folder, as DownloadModelVersion does. Returns
+  // the name. Only shards that are complete are sent.
+  absl::StatusOr<std::string> DownloadTags(const std::string& name, const std::string& folder,
+                                           const OnUploaded& on_progress,
+                                           const CallOptions& call = {});
+  absl::Status DeleteTags(const v1::DeleteTagsRequest& request, const CallOptions& call = {});
 
   // Return and change the lowest level that the server logs. For operators.
   absl::StatusOr<v1::GetLogLevelResponse> GetLogLevel(const v1::GetLogLevelRequest& request,

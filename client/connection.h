@@ -20,6 +20,7 @@
 #include "maneuver/v1/outcome_service.grpc.pb.h"
 #include "maneuver/v1/prediction_service.grpc.pb.h"
 #include "maneuver/v1/replica_service.grpc.pb.h"
+#include "maneuver/v1/tag_service.grpc.pb.h"
 #include "maneuver/v1/training_service.grpc.pb.h"
 
 namespace maneuver::client {
@@ -36,6 +37,7 @@ struct Connection {
   std::unique_ptr<v1::DatasetService::Stub> datasets;
   std::unique_ptr<v1::TrainingService::Stub> training;
   std::unique_ptr<v1::ReplicaService::Stub> replicas;
+  std::unique_ptr<v1::TagService::Stub> tags;
   std::unique_ptr<v1::AdminService::Stub> admin;
   OverloadThrottle throttle;
   std::unique_ptr<PendingPredictions> pending;  // last: destroyed before what it uses

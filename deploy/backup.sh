@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Backs up a data folder: models, aliases, datasets, jobs and their checkpoints.
+# Backs up a data folder: models, aliases, datasets, tags, jobs and their checkpoints.
 # The server may run meanwhile, and its jobs with it.
 #
 #   deploy/backup.sh DATA_DIR BACKUP [--previous OTHER_BACKUP] [--without-datasets] [--store URI]
@@ -13,7 +13,7 @@ set -euo pipefail
 
 usage() { sed -n '2,12s/^# \{0,1\}//p' "$0"; }
 refuse() { echo "backup: $1" >&2; exit 2; }
-folders=(models jobs datasets)
+folders=(models jobs tags datasets)
 previous=
 store=
 positional=()
@@ -21,7 +21,7 @@ while [ $# -gt 0 ]; do
   case "$1" in
     --previous) previous=$(realpath -e -- "${2:?--previous needs a back-up}"); shift ;;
     --store) store=${2:?--store needs a URI}; shift ;;
-    --without-datasets) folders=(models jobs) ;;
+    --without-datasets) folders=(models jobs tags) ;;
     -h|--help) usage; exit 0 ;;
     -*) refuse "unknown option $1; see --help" ;;
     *) positional+=("$1") ;;

@@ -21,6 +21,7 @@ void AddModel(Command& root, Environment& environment);
 void AddPredict(Command& root, Environment& environment);  // probability, distribution, predict
 void AddClassify(Command& root, Environment& environment);
 void AddTag(Command& root, Environment& environment);
+void AddTags(Command& root, Environment& environment);
 void AddFind(Command& root, Environment& environment);
 void AddOutcomes(Command& root, Environment& environment);
 void AddLoad(Command& root, Environment& environment);

@@ -18,14 +18,17 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
 #include "client/cli/commands.h"
 #include "client/cli/found_scenes.h"
+#include "client/cli/found_shares.h"
 #include "client/cli/json_files.h"
 #include "client/cli/table.h"
 #include "client/cli/text_format.h"
 #include "client/plot/recordings_plot.h"
+#include "client/plot/share_plot.h"
 #include "model/data/dataset_folder.h"
 #include "model/machine/usable_cores.h"
 #include "model/tags/tag_query.h"
@@ -56,6 +59,7 @@ struct FindArguments {
   std::optional<double> distance;
   std::string side = "any";
   std::string by;
+  std::string per;
   std::vector<std::string> against;
   int64_t limit = 20;
   bool distinct = false;
@@ -172,12 +176,17 @@ absl::StatusOr<tags::TagQuery> ReadQuery(FindArguments* arguments) {
   }
   for (const auto& [name, grouping] : kGroupings) {
     if (arguments->by == name) query.grouping = grouping;
+    if (arguments->per == name) query.parts = grouping;
   }
   arguments->distinct |= !arguments->as_dataset.empty();
-  query.errors = !arguments->against.empty();
-  if (query.errors && query.grouping == tags::Grouping::kNone) {
+  const bool counts = query.grouping != tags::Grouping::kNone;
+  if (!arguments->against.empty() && !counts) {
     return absl::InvalidArgumentError("--against needs --by: what is to be compared?");
   }
+  if (!arguments->per.empty() && !counts) {
+    return absl::InvalidArgumentError("--per needs --by: what is to be counted?");
+  }
+  query.errors = !arguments->against.empty() || (counts && arguments->plot);
   query.limit = static_cast<size_t>(arguments->limit * (arguments->distinct ? kCandidates : 1));
   return query;
 }
@@ -201,9 +210,7 @@ class Finding {
     if (environment_.json()) {
       environment_.PrintJson(Json());
     } else {
-      environment_.out << (against_ != nullptr      ? ComparisonText()
-                           : !arguments_.by.empty() ? GroupsText()
-                                                    : MatchesText());
+      environment_.out << (arguments_.by.empty() ? MatchesText() : CountsText());
       environment_.err << found_.all.rows << " rows, " << found_.all.windows << " windows";
       if (arguments_.by.empty() && static_cast<int64_t>(matches_.size()) < found_.all.rows) {
         environment_.err << "; " << matches_.size() << " are shown";
@@ -211,7 +218,7 @@ class Finding {
       environment_.err << "\n";
     }
     absl::Status status;
-    if (arguments_.plot) status = Plot();
+    if (arguments_.plot) status = arguments_.by.empty() ? Plot() : PlotShares();
     if (status.ok() && !arguments_.extract.empty()) status = Extract();
     if (status.ok() && !arguments_.as_dataset.empty()) status = WriteDataset();
     return status.ok() ? kOk : environment_.Fail(status);
@@ -264,7 +271,22 @@ class Finding {
     return matches_.empty() ? "" : table.Text(environment_.color);
   }
 
-  std::string GroupsText() const {
+  // Of all rows; with --per, of each part.
+  std::string CountsText() const {
+    const auto text = [&](const tags::Statistics& these, const tags::Statistics* those) {
+      return those != nullptr ? ComparisonText(these, *those) : GroupsText(these);
+    };
+    if (arguments_.per.empty()) return text(found_, against_);
+    std::string all;
+    for (const std::string& part : PartNames(found_, against_)) {
+      absl::StrAppend(
+          &all, all.empty() ? "" : "\n", arguments_.per, " ", part, "\n",
+          text(PartOf(found_, part), against_ == nullptr ? nullptr : &PartOf(*against_, part)));
+    }
+    return all;
+  }
+
+  std::string GroupsText(const tags::Statistics& counted) const {
     Table table({{absl::AsciiStrToUpper(arguments_.by)},
                  {"ROWS", Align::kRight},
                  {"WINDOWS", Align::kRight},
@@ -272,8 +294,8 @@ class Finding {
                  {"p(y|s)", Align::kRight},
                  {"-ln p", Align::kRight},
                  {"ADE, m", Align::kRight}});
-    std::vector<std::pair<std::string, tags::Group>> groups(found_.groups.begin(),
-                                                            found_.groups.end());
+    std::vector<std::pair<std::string, tags::Group>> groups(counted.groups.begin(),
+                                                            counted.groups.end());
     std::ranges::stable_sort(groups, std::greater(),
                              [](const auto& group) { return group.second.windows; });
     for (const auto& [name, group] : groups) {
@@ -284,23 +306,24 @@ class Finding {
   }
 
   // Those of both answers.
-  std::set<std::string> ComparedGroups() const {
+  static std::set<std::string> ComparedGroups(const tags::Statistics& these,
+                                              const tags::Statistics& those) {
     std::set<std::string> names;
-    for (const auto& [name, group] : found_.groups) names.insert(name);
-    for (const auto& [name, group] : against_->groups) names.insert(name);
+    for (const auto& [name, group] : these.groups) names.insert(name);
+    for (const auto& [name, group] : those.groups) names.insert(name);
     return names;
   }
 
-  static double ShareIn(const tags::Found& found, const std::string& name) {
+  static double ShareIn(const tags::Statistics& found, const std::string& name) {
     const auto group = found.groups.find(name);
     return group == found.groups.end() ? 0.0 : group->second.share;
   }
 
   // The largest changes first.
-  std::string ComparisonText() const {
+  std::string ComparisonText(const tags::Statistics& these, const tags::Statistics& those) const {
     std::vector<std::pair<std::string, tags::Change>> changes;
-    for (const std::string& name : ComparedGroups()) {
-      changes.emplace_back(name, tags::Compare(found_, *against_, name));
+    for (const std::string& name : ComparedGroups(these, those)) {
+      changes.emplace_back(name, tags::Compare(these, those, name));
     }
     std::ranges::stable_sort(changes, std::greater(),
                              [](const auto& change) { return std::abs(change.second.difference); });
@@ -313,7 +336,7 @@ class Finding {
                  {""}});
     for (const auto& [name, change] : changes) {
       const bool certain = change.low > 0.0 || change.high < 0.0;
-      table.Add({name, Share(ShareIn(found_, name)), Share(ShareIn(*against_, name)),
+      table.Add({name, Share(ShareIn(these, name)), Share(ShareIn(those, name)),
                  Share(change.difference), Share(change.low), Share(change.high),
                  certain ? "changed" : ""});
     }
@@ -372,23 +395,46 @@ class Finding {
       *rows->add_values()->mutable_struct_value() = std::move(row);
     }
     if (arguments_.by.empty()) return answer;
-    auto* groups = (*answer.mutable_fields())["groups"].mutable_struct_value();
-    for (const auto& [name, group] : found_.groups) {
+    AddCounts(found_, against_, &answer);
+    if (arguments_.per.empty()) return answer;
+    auto* parts = (*answer.mutable_fields())["parts"].mutable_struct_value();
+    for (const std::string& part : PartNames(found_, against_)) {
+      Struct object = GroupJson(PartOf(found_, part).all);
+      AddCounts(PartOf(found_, part), against_ == nullptr ? nullptr : &PartOf(*against_, part),
+                &object);
+      *(*parts->mutable_fields())[part].mutable_struct_value() = std::move(object);
+    }
+    return answer;
+  }
+
+  static void AddCounts(const tags::Statistics& these, const tags::Statistics* those,
+                        Struct* answer) {
+    auto* groups = (*answer->mutable_fields())["groups"].mutable_struct_value();
+    for (const auto& [name, group] : these.groups) {
       *(*groups->mutable_fields())[name].mutable_struct_value() = GroupJson(group);
     }
-    if (against_ == nullptr) return answer;
-    auto* changes = (*answer.mutable_fields())["changes"].mutable_struct_value();
-    for (const std::string& name : ComparedGroups()) {
-      const tags::Change change = tags::Compare(found_, *against_, name);
+    if (those == nullptr) return;
+    auto* changes = (*answer->mutable_fields())["changes"].mutable_struct_value();
+    for (const std::string& name : ComparedGroups(these, *those)) {
+      const tags::Change change = tags::Compare(these, *those, name);
       Struct object;
-      Set("share", ShareIn(found_, name), &object);
-      Set("against", ShareIn(*against_, name), &object);
+      Set("share", ShareIn(these, name), &object);
+      Set("against", ShareIn(*those, name), &object);
       Set("difference", change.difference, &object);
       Set("low", change.low, &object);
       Set("high", change.high, &object);
       *(*changes->mutable_fields())[name].mutable_struct_value() = std::move(object);
     }
-    return answer;
+  }
+
+  absl::Status PlotShares() {
+    const auto picture = plot::DrawShares(SharesOf(found_, against_, arguments_.by, arguments_.per,
+                                                   absl::StrJoin(arguments_.folders, " "),
+                                                   absl::StrJoin(arguments_.against, " ")));
+    if (!picture.ok()) return picture.status();
+    if (absl::Status status = WriteFile(*arguments_.plot, *picture); !status.ok()) return status;
+    environment_.err << "the picture is " << *arguments_.plot << "\n";
+    return absl::OkStatus();
   }
 
   absl::Status Plot() {
@@ -486,11 +532,11 @@ absl::StatusOr<Answered> Ask(const std::vector<std::string>& folders, const tags
 int Find(FindArguments arguments, Environment& environment) {
   const absl::StatusOr<tags::TagQuery> query = ReadQuery(&arguments);
   if (!query.ok()) return environment.Refuse(std::string(query.status().message()));
-  const bool wants_scenes =
-      arguments.plot || !arguments.extract.empty() || !arguments.as_dataset.empty();
+  const bool wants_scenes = (arguments.plot && arguments.by.empty()) ||
+                            !arguments.extract.empty() || !arguments.as_dataset.empty();
   if (wants_scenes && arguments.datasets.empty()) {
     return environment.Refuse(
-        "--plot, --extract and --as-dataset need the recordings: --dataset FOLDER");
+        "--plot without --by, --extract and --as-dataset need the recordings: --dataset FOLDER");
   }
   const auto fail = [&](const absl::Status& status) {
     return absl::IsInvalidArgument(status) ? environment.Refuse(std::string(status.message()))
@@ -499,13 +545,14 @@ int Find(FindArguments arguments, Environment& environment) {
   const absl::StatusOr<Answered> answer = Ask(arguments.folders, *query, environment);
   if (!answer.ok()) return fail(answer.status());
   absl::StatusOr<Answered> against = Answered{};
-  if (query->errors) against = Ask(arguments.against, *query, environment);
+  const bool compares = !arguments.against.empty();
+  if (compares) against = Ask(arguments.against, *query, environment);
   if (!against.ok()) return fail(against.status());
   std::vector<tags::Match> matches =
       arguments.distinct ? tags::WithoutNearDuplicates(answer->set, answer->found.matches,
                                                        static_cast<size_t>(arguments.limit))
                          : answer->found.matches;
-  return Finding(arguments, answer->set, answer->found, query->errors ? &against->found : nullptr,
+  return Finding(arguments, answer->set, answer->found, compares ? &against->found : nullptr,
                  std::move(matches), query->most_surprising, environment)
       .Answer();
 }
@@ -523,7 +570,8 @@ void AddFind(Command& root, Environment& environment) {
       "found.png "
       "--dataset town\n"
       "         maneuver find tags --surprise top:50 --as-dataset surprising --dataset town\n"
-      "         maneuver find tags --by action --where class=vehicle");
+      "         maneuver find tags --by action --where class=vehicle\n"
+      "         maneuver find tags --by action --per speed --against tags-may --plot shares.png");
   command.Arguments("TAGS", &arguments->folders, "Folders of maneuver tag");
   command.OptionPerValue("--action", &arguments->actions,
                          "Names or numbers of actions; any of several");
@@ -551,6 +599,9 @@ void AddFind(Command& root, Environment& environment) {
   command.Choice("--by", &arguments->by,
                  {"action", "class", "speed", "place", "hour", "scene", "dataset"},
                  "Count by this, instead of listing");
+  command.Choice("--per", &arguments->per,
+                 {"class", "speed", "place", "hour", "scene", "dataset", "action"},
+                 "Count each part of the rows apart; shares are of the part's windows");
   command.Option("--against", &arguments->against,
                  "Compare the shares with those in other folders of tags");
   command.Option("--limit", &arguments->limit, 0, 1'000'000, "Most matches to show");
@@ -558,7 +609,9 @@ void AddFind(Command& root, Environment& environment) {
                "Leave out near-duplicates: same actions, place, heading and speed");
   command.Option("--dataset", &arguments->datasets,
                  "Folders of the datasets that were tagged, for the next three");
-  command.Picture("--plot", &arguments->plot, "PNG file to draw the first 16 matches into");
+  command.Picture("--plot", &arguments->plot,
+                  "PNG file to draw the first 16 matches into; with --by, the shares and their "
+                  "intervals");
   command.Option("--extract", &arguments->extract,
                  "Folder for the scenes as JSON, as maneuver predict reads them");
   command.Option("--as-dataset", &arguments->as_dataset,

@@ -156,6 +156,7 @@ int ShowJob(const std::string& name, const std::optional<std::string>& figures,
     for (const std::string& line : job->last_lines())
       environment.out << "  " << Printable(line) << "\n";
   }
+  if (job->has_tagged()) environment.out << "\n" << TagsText(job->tagged()) << "\n";
   if (job->has_promotion_decision()) {
     environment.out << "\n" << PromotionText(*job, environment.color);
   }
@@ -213,7 +214,7 @@ int DeleteJob(const std::string& name, Environment& environment) {
 }  // namespace
 
 void AddJob(Command& root, Environment& environment) {
-  Command group = root.Add("job", "Training, evaluation and cross-validation jobs");
+  Command group = root.Add("job", "Training, evaluation, cross-validation and tagging jobs");
   const auto name = std::make_shared<std::string>();
 
   Command list = group.Add("list", "Jobs, newest first",

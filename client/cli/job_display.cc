@@ -102,11 +102,13 @@ std::string StateName(v1::JobState state) {
 std::string Kind(const v1::Job& job) {
   if (job.has_recalibrate()) return "recalibrate";
   if (job.has_cross_validate()) return "cross-validate";
+  if (job.has_tag()) return "tag";
   return job.has_train() ? "train" : job.has_evaluate() ? "evaluate" : "-";
 }
 
 std::string Subject(const v1::Job& job) {
   if (job.has_cross_validate()) return "-";
+  if (job.has_tag()) return ShortName(job.tag().model());
   if (!job.model_version().empty()) return ShortName(job.model_version());
   if (job.has_recalibrate()) return ShortName(job.recalibrate().model());
   return ShortName(job.has_train() ? job.train().model() : job.evaluate().model());
@@ -116,6 +118,7 @@ std::string Datasets(const v1::Job& job) {
   if (job.has_train()) return absl::StrJoin(job.train().datasets(), " ");
   if (job.has_evaluate()) return job.evaluate().dataset();
   if (job.has_recalibrate()) return absl::StrJoin(job.recalibrate().datasets(), " ");
+  if (job.has_tag()) return absl::StrJoin(job.tag().datasets(), " ");
   return absl::StrJoin(job.cross_validate().datasets(), " ");
 }
 
@@ -148,6 +151,12 @@ std::string HeldOutText(const v1::ModelManifest& manifest, bool color) {
   *report.mutable_metrics() = manifest.metrics();
   *report.mutable_rivals() = manifest.rivals();
   return evaluation::ReportText(report, color);
+}
+
+std::string TagsText(const v1::Tags& tags) {
+  return absl::StrCat(tags.name(), ": ", tags.window_count(), " windows in ", tags.rows(),
+                      " rows, ", tags.shards(), " of ", tags.all_shards(), " shards, ",
+                      Bytes(tags.size_bytes()));
 }
 
 std::string PromotionText(const v1::Job& job, bool color) {
@@ -209,6 +218,10 @@ int PrintOutcome(const v1::Job& job, Environment& environment) {
   if (job.has_cross_validate()) {
     environment.out << Datasets(job) << " cross-validated in " << Spell(took) << "\n\n"
                     << evaluation::CrossValidationText(job.cross_validation(), environment.color);
+    return kOk;
+  }
+  if (job.has_tag()) {
+    environment.out << TagsText(job.tagged()) << ", in " << Spell(took) << "\n";
     return kOk;
   }
   environment.out << job.model_version()

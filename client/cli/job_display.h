@@ -37,6 +37,9 @@ void SayIfItWaits(const v1::Job& job, Environment& environment);
 // empty while this is not known.
 std::string PromotionText(const v1::Job& job, bool color);
 
+// Returns what tags hold: "tags/june: 1200 windows in 300 rows, 2 of 2 shards, 31 kB".
+std::string TagsText(const v1::Tags& tags);
+
 // Prints that a request is valid, and how much memory its job would take.
 void PrintValid(const v1::Job& job, Environment& environment);
 

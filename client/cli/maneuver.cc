@@ -87,6 +87,7 @@ int RunManeuver(const std::vector<std::string>& arguments, Environment& environm
   AddPredict(root, environment);
   AddClassify(root, environment);
   AddTag(root, environment);
+  AddTags(root, environment);
   AddFind(root, environment);
   AddOutcomes(root, environment);
   AddLoad(root, environment);

@@ -215,6 +215,11 @@ absl::StatusOr<report::ReportData> CollectJob(const v1::Job& job, Environment& e
         absl::StrCat("there are no reports of cross-validations; maneuver job show ",
                      ShortName(job.name()), " prints one as tables"));
   }
+  if (job.has_tag()) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("there are no reports of taggings; maneuver tags pull ",
+                     ShortName(job.tag().tags()), " FOLDER brings the tags for maneuver find"));
+  }
   if (job.has_evaluate() && !job.has_evaluation()) {
     return absl::FailedPreconditionError(
         absl::StrCat(job.name(), " is ", StateName(job.state()), " and has measured nothing"));

@@ -23,11 +23,13 @@ std::string ModelResource(std::string_view name) {
 
 std::string DatasetResource(std::string_view name) { return WithPrefix("datasets/", name); }
 
+std::string TagsResource(std::string_view name) { return WithPrefix("tags/", name); }
+
 std::string JobResource(std::string_view name) { return WithPrefix("jobs/", name); }
 
 std::string ShortName(std::string_view resource) {
-  for (const std::string_view prefix :
-       {kModels, std::string_view("datasets/"), std::string_view("jobs/")}) {
+  for (const std::string_view prefix : {kModels, std::string_view("datasets/"),
+                                        std::string_view("tags/"), std::string_view("jobs/")}) {
     if (resource.substr(0, prefix.size()) == prefix) {
       resource.remove_prefix(prefix.size());
       break;

@@ -15,6 +15,8 @@ namespace maneuver::cli {
 std::string ModelResource(std::string_view name);
 // Returns a resource name: "town" -> datasets/town.
 std::string DatasetResource(std::string_view name);
+// Returns a resource name: "june" -> tags/june.
+std::string TagsResource(std::string_view name);
 // Returns a resource name: "y" -> jobs/y.
 std::string JobResource(std::string_view name);
 

@@ -1,6 +1,8 @@
-// maneuver tag: which action did each target take, in all recordings of datasets?
+// maneuver tag: which action did each target take, in all recordings of datasets? Here, or as a job
+// of the server.
 
 #include <chrono>
+#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <memory>
@@ -13,6 +15,7 @@
 #include "absl/strings/str_split.h"
 #include "client/cli/commands.h"
 #include "client/cli/interrupt.h"
+#include "client/cli/job_display.h"
 #include "client/cli/progress_line.h"
 #include "client/cli/resource_names.h"
 #include "client/cli/text_format.h"
@@ -36,6 +39,10 @@ struct TagArguments {
   std::optional<double> stride;
   std::string precision = "f32";
   int64_t threads = 0;
+  std::string on_server;  // name of the tags there; empty: in this process
+  std::optional<int64_t> priority;
+  bool detach = false;
+  bool validate_only = false;
 };
 
 // A folder that is removed at the end.
@@ -92,6 +99,12 @@ bool ParseShards(const std::string& text, tags::TaggingOptions* options) {
          options->part < options->parts;
 }
 
+int RefuseShards(const TagArguments& arguments, Environment& environment) {
+  return environment.Refuse(absl::StrCat("--shards ", arguments.shards,
+                                         ": give i/n, such as 0/8 to 7/8; parts are counted from "
+                                         "0"));
+}
+
 void PrintSummary(const TagArguments& arguments, const tags::TaggingSummary& summary,
                   double seconds, Environment& environment) {
   const double rate = static_cast<double>(summary.windows) / std::max(seconds, 1e-3);
@@ -126,11 +139,7 @@ void PrintSummary(const TagArguments& arguments, const tags::TaggingSummary& sum
 
 int Tag(const TagArguments& arguments, Environment& environment) {
   tags::TaggingOptions options;
-  if (!ParseShards(arguments.shards, &options)) {
-    return environment.Refuse(absl::StrCat("--shards ", arguments.shards,
-                                           ": give i/n, such as 0/8 to 7/8; parts are counted "
-                                           "from 0"));
-  }
+  if (!ParseShards(arguments.shards, &options)) return RefuseShards(arguments, environment);
   const auto model = LoadModel(arguments, environment);
   if (!model.ok()) return environment.FailAt(arguments.model, model.status());
   options.datasets.assign(arguments.datasets.begin(), arguments.datasets.end());
@@ -163,6 +172,43 @@ int Tag(const TagArguments& arguments, Environment& environment) {
   return summary->failures.empty() ? kOk : kFailed;
 }
 
+// Starts a job that tags the server's datasets.
+int TagOnServer(const TagArguments& arguments, Environment& environment) {
+  tags::TaggingOptions shards;
+  if (!ParseShards(arguments.shards, &shards)) return RefuseShards(arguments, environment);
+  v1::TagRequest request;
+  request.set_model(ModelResource(arguments.model));
+  for (const std::string& name : arguments.datasets) request.add_datasets(DatasetResource(name));
+  request.set_tags(TagsResource(arguments.on_server));
+  request.set_part(shards.part);
+  request.set_parts(shards.parts);
+  request.set_windows(arguments.windows);
+  if (arguments.stride) {
+    const auto nanos = static_cast<int64_t>(std::llround(*arguments.stride * 1e9));
+    request.mutable_stride()->set_seconds(nanos / 1'000'000'000);
+    request.mutable_stride()->set_nanos(static_cast<int32_t>(nanos % 1'000'000'000));
+  }
+  request.set_priority(static_cast<int32_t>(arguments.priority.value_or(0)));
+  request.set_validate_only(arguments.validate_only);
+  const auto job = environment.server_client().Tag(request, environment.call_options());
+  if (!job.ok()) return environment.Fail(job.status());
+  if (arguments.validate_only) {
+    PrintValid(*job, environment);
+    return kOk;
+  }
+  if (!arguments.detach) {
+    environment.err << job->name() << " tags; Ctrl-C stops watching\n";
+    return WatchToEnd(job->name(), environment);
+  }
+  if (environment.json()) {
+    environment.PrintJson(*job);
+  } else {
+    environment.out << job->name() << "\n";
+    environment.err << "Watch it with: maneuver job watch " << ShortName(job->name()) << "\n";
+  }
+  return kOk;
+}
+
 }  // namespace
 
 void AddTag(Command& root, Environment& environment) {
@@ -176,9 +222,14 @@ void AddTag(Command& root, Environment& environment) {
       "gzipped CSV\n"
       "file for other programs and a file that maneuver find reads. To continue an interrupted "
       "run, use the same\ncommand. The same command always writes the same bytes.\n"
+      "With --on-server, a job of the server does the same with the server's datasets. maneuver "
+      "tags "
+      "pull brings\nwhat it made.\n"
       "Example: maneuver tag town --model town/3 -o tags\n"
-      "         maneuver tag town --model town-3 -o tags --shards $SLURM_ARRAY_TASK_ID/16");
-  command.Arguments("DATASET", &arguments->datasets, "Dataset folders");
+      "         maneuver tag town --model town-3 -o tags --shards $SLURM_ARRAY_TASK_ID/16\n"
+      "         maneuver tag town --model town/3 --on-server june --detach");
+  command.Arguments("DATASET", &arguments->datasets,
+                    "Dataset folders; with --on-server, datasets of the server");
   command.Option("--model", &arguments->model,
                  "A model folder; or town (what serves), town/3 or town@candidate of the server");
   command.Option("-o,--out", &arguments->output, "Folder for the tags; made if it is missing");
@@ -192,7 +243,20 @@ void AddTag(Command& root, Environment& environment) {
                  "f32 gives the same tags on any processor of one kind; auto is bf16 where the "
                  "processor has it");
   command.Option("--threads", &arguments->threads, 0, 1024, "Threads; 0: one for each core");
+  command.Option("--on-server", &arguments->on_server,
+                 "Start a job on the server, whose tags get this name: a-z, 0-9 and -");
+  command.Option("--priority", &arguments->priority, -100, 100,
+                 "Jobs with a higher priority run first [0]");
+  command.Flag("--detach", &arguments->detach, "Start the job and return");
+  command.Flag("--validate-only", &arguments->validate_only, "Check the request, start nothing");
+  for (const char* here : {"--out", "--precision", "--threads"}) {
+    command.Exclude(here, "--on-server");
+  }
+  for (const char* there : {"--priority", "--detach", "--validate-only"}) {
+    command.Need(there, "--on-server");
+  }
   command.Run([arguments, &environment] {
+    if (!arguments->on_server.empty()) return TagOnServer(*arguments, environment);
     if (arguments->model.empty()) return environment.Refuse("--model: name a folder or a model");
     if (arguments->output.empty()) return environment.Refuse("--out: name a folder for the tags");
     return Tag(*arguments, environment);

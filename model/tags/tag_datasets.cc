@@ -111,6 +111,7 @@ class Tagging {
       if (static_cast<int64_t>(i) % options_.parts != options_.part) continue;
       if (IsTagged(options_.output, schema_, sources[i].file)) {
         ++summary_.shards_before;
+        ++progress_.shards_before;
       } else {
         waiting.push_back(&sources[i]);
         progress_.all_recordings += sources[i].shard.records();
@@ -180,6 +181,12 @@ class Tagging {
     summary_.windows += added.windows;
     summary_.rows += added.rows;
     ++progress_.shards;
+    for (const fs::path& each :
+         {CsvFileOf(options_.output, file), TagsFileOf(options_.output, file)}) {
+      std::error_code error;
+      const uintmax_t size = fs::file_size(each, error);
+      if (!error) progress_.bytes += static_cast<int64_t>(size);
+    }
     if (options_.progress && !options_.progress(progress_)) {
       return absl::CancelledError("tagging was stopped; run the same command again to continue");
     }

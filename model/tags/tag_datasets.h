@@ -23,7 +23,9 @@ struct TaggingProgress {
   int64_t recordings = 0;      // done, of `all_recordings`
   int64_t all_recordings = 0;  // of this part, without those that were tagged before
   int64_t windows = 0;
-  int64_t shards = 0;  // complete
+  int64_t shards = 0;         // tagged now
+  int64_t shards_before = 0;  // of this part, tagged by an earlier run
+  int64_t bytes = 0;          // of the files of the shards that were tagged now
 };
 
 struct TaggingOptions {

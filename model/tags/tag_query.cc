@@ -119,11 +119,48 @@ struct Part {
   Sums all;
   std::vector<Match> matches;
   int64_t least_surprise = std::numeric_limits<int64_t>::min();  // of a row that may be kept
-  std::unordered_map<int64_t, Sums> groups;                      // by a key within the shard
-  // Windows of each recording, by its number in the shard; and those of each of its groups. Empty
-  // unless errors are wanted.
-  std::map<int64_t, int64_t> scenes;
-  std::map<std::pair<int64_t, int64_t>, int64_t> scene_groups;  // by group, then recording
+  // By the keys of the part and the group within the shard. A query without parts has the part 0.
+  std::unordered_map<int64_t, std::unordered_map<int64_t, Sums>> groups;
+  // Windows by part, group and number of the recording in the shard. Empty unless errors are wanted.
+  std::map<std::tuple<int64_t, int64_t, int64_t>, int64_t> scene_groups;
+};
+
+using Scene = std::pair<size_t, int64_t>;  // shard, number of the recording in it
+
+// What becomes Statistics.
+struct Counts {
+  std::map<std::string, Sums> groups;
+  // Windows of each recording, in all and by group; empty unless errors are wanted.
+  std::map<Scene, double> scenes;
+  std::map<std::string, std::map<Scene, double>> scene_groups;
+
+  void Add(const std::string& group, const Scene& scene, int64_t windows) {
+    scenes[scene] += static_cast<double>(windows);
+    scene_groups[group][scene] += static_cast<double>(windows);
+  }
+
+  Statistics Evaluate() const {
+    Statistics statistics;
+    Sums all;
+    for (const auto& [name, sums] : groups) all.Add(sums);
+    statistics.all = all.Mean(all.windows);
+    for (const auto& [name, sums] : groups) statistics.groups[name] = sums.Mean(all.windows);
+    statistics.scenes = static_cast<int64_t>(scenes.size());
+    if (scenes.size() < 2) return statistics;
+    const auto count = static_cast<double>(scenes.size());
+    double squares = 0.0;
+    for (const auto& [scene, windows] : scenes) squares += windows * windows;
+    for (auto& [name, group] : statistics.groups) {
+      // Recordings without the group have a part in the sum as well.
+      double sum = group.share * group.share * squares;
+      for (const auto& [scene, windows] : scene_groups.at(name)) {
+        sum += windows * (windows - 2.0 * group.share * scenes.at(scene));
+      }
+      group.share_error =
+          std::sqrt(std::max(0.0, sum) * count / (count - 1.0)) / static_cast<double>(all.windows);
+    }
+    return statistics;
+  }
 };
 
 class Scan {
@@ -193,19 +230,21 @@ class Scan {
     std::set<Column> used = {Column::kAction, Column::kWindows, Column::kProbability,
                              Column::kSurprise, Column::kAde};
     for (const Condition& condition : query_.conditions) used.insert(condition.column);
-    if (!query_.scenes.empty() || query_.grouping == Grouping::kScene || query_.errors) {
-      used.insert(Column::kScene);
-    }
-    if (query_.near || query_.grouping == Grouping::kPlace) used.merge(Set(kPlace));
+    if (!query_.scenes.empty() || query_.errors) used.insert(Column::kScene);
+    if (query_.near) used.merge(Set(kPlace));
     if (query_.followed_by) used.merge(Set(kSequence));
     if (query_.other) {
       used.merge(Set(kSequence));
       used.merge(Set(kPlace));
       used.merge(Set({Column::kSpeed, Column::kHeading}));
     }
-    if (query_.grouping == Grouping::kClass) used.insert(Column::kClass);
-    if (query_.grouping == Grouping::kSpeed) used.insert(Column::kSpeed);
-    if (query_.grouping == Grouping::kHour) used.insert(Column::kFrom);
+    for (const Grouping grouping : {query_.grouping, query_.parts}) {
+      if (grouping == Grouping::kScene) used.insert(Column::kScene);
+      if (grouping == Grouping::kPlace) used.merge(Set(kPlace));
+      if (grouping == Grouping::kClass) used.insert(Column::kClass);
+      if (grouping == Grouping::kSpeed) used.insert(Column::kSpeed);
+      if (grouping == Grouping::kHour) used.insert(Column::kFrom);
+    }
     return used;
   }
   static std::set<Column> Set(const std::vector<Column>& columns) {
@@ -331,11 +370,13 @@ class Scan {
                     weight * NumberOf(tags, Column::kSurprise, row),
                     weight * NumberOf(tags, Column::kAde, row)};
     part->all.Add(sums);
-    if (query_.grouping != Grouping::kNone) part->groups[KeyOf(tags, row)].Add(sums);
-    if (query_.errors) {
-      const int64_t scene = tags.Narrow(Column::kScene)[row];
-      part->scenes[scene] += windows;
-      part->scene_groups[{KeyOf(tags, row), scene}] += windows;
+    if (query_.grouping != Grouping::kNone) {
+      const int64_t part_key = KeyOf(query_.parts, tags, row);
+      const int64_t key = KeyOf(query_.grouping, tags, row);
+      part->groups[part_key][key].Add(sums);
+      if (query_.errors) {
+        part->scene_groups[{part_key, key, tags.Narrow(Column::kScene)[row]}] += windows;
+      }
     }
     if (query_.limit == 0) return;
     if (!query_.most_surprising) {
@@ -422,12 +463,12 @@ class Scan {
             NumberOf(tags, Column::kY, row) + driven * std::sin(heading)};
   }
 
-  int64_t KeyOf(const ShardTags& tags, size_t row) const {
+  static int64_t KeyOf(Grouping grouping, const ShardTags& tags, size_t row) {
     const auto step = [&](Column column, double width) {
       return FloorDivide(tags.Value(column, row),
                          std::llround(width * std::pow(10.0, SpecOf(column).decimals)));
     };
-    switch (query_.grouping) {
+    switch (grouping) {
       case Grouping::kAction:
         return tags.Value(Column::kAction, row);
       case Grouping::kClass:
@@ -450,11 +491,11 @@ class Scan {
     return 0;
   }
 
-  std::string NameOf(const TaggedShard& shard, int64_t key) const {
+  static std::string NameOf(Grouping grouping, const TaggedShard& shard, int64_t key) {
     const auto middle = [](int64_t step) {
       return absl::StrCat(kPlaceStep * (static_cast<double>(step) + 0.5));
     };
-    switch (query_.grouping) {
+    switch (grouping) {
       case Grouping::kAction:
         return shard.ActionName(key);
       case Grouping::kClass:
@@ -480,7 +521,8 @@ class Scan {
   Found Answer(const std::vector<Part>& parts) const {
     Found found;
     Sums all;
-    std::map<std::string, Sums> groups;
+    Counts together;
+    std::map<std::string, Counts> apart;
     for (size_t i = 0; i < parts.size(); ++i) {
       all.Add(parts[i].all);
       for (const Match& match : parts[i].matches) {
@@ -489,43 +531,28 @@ class Scan {
         }
       }
       const TaggedShard& shard = set_.shards[blocks_[i].shard];
-      for (const auto& [key, sums] : parts[i].groups) groups[NameOf(shard, key)].Add(sums);
+      for (const auto& [part, groups] : parts[i].groups) {
+        Counts& counts = apart[NameOf(query_.parts, shard, part)];
+        for (const auto& [key, sums] : groups) {
+          const std::string name = NameOf(query_.grouping, shard, key);
+          together.groups[name].Add(sums);
+          counts.groups[name].Add(sums);
+        }
+      }
+      for (const auto& [keys, windows] : parts[i].scene_groups) {
+        const auto& [part, key, scene] = keys;
+        const std::string name = NameOf(query_.grouping, shard, key);
+        const Scene of{blocks_[i].shard, scene};
+        together.Add(name, of, windows);
+        apart[NameOf(query_.parts, shard, part)].Add(name, of, windows);
+      }
     }
     Keep(&found.matches);
+    static_cast<Statistics&>(found) = together.Evaluate();
     found.all = all.Mean(all.windows);
-    for (const auto& [name, sums] : groups) found.groups[name] = sums.Mean(all.windows);
-    if (query_.errors) AddErrors(parts, &found);
+    if (query_.parts == Grouping::kNone) return found;
+    for (const auto& [name, counts] : apart) found.parts[name] = counts.Evaluate();
     return found;
-  }
-
-  void AddErrors(const std::vector<Part>& parts, Found* found) const {
-    using Scene = std::pair<size_t, int64_t>;  // shard, number of the recording
-    std::map<Scene, double> scenes;
-    std::map<std::string, std::map<Scene, double>> groups;
-    for (size_t i = 0; i < parts.size(); ++i) {
-      const size_t shard = blocks_[i].shard;
-      for (const auto& [scene, windows] : parts[i].scenes) {
-        scenes[{shard, scene}] += static_cast<double>(windows);
-      }
-      for (const auto& [key, windows] : parts[i].scene_groups) {
-        groups[NameOf(set_.shards[shard], key.first)][{shard, key.second}] +=
-            static_cast<double>(windows);
-      }
-    }
-    found->scenes = static_cast<int64_t>(scenes.size());
-    if (scenes.size() < 2) return;
-    const auto count = static_cast<double>(scenes.size());
-    double squares = 0.0;
-    for (const auto& [scene, windows] : scenes) squares += windows * windows;
-    for (auto& [name, group] : found->groups) {
-      // Recordings without the group have a part in the sum as well.
-      double sum = group.share * group.share * squares;
-      for (const auto& [scene, windows] : groups[name]) {
-        sum += windows * (windows - 2.0 * group.share * scenes[scene]);
-      }
-      group.share_error = std::sqrt(std::max(0.0, sum) * count / (count - 1.0)) /
-                          static_cast<double>(found->all.windows);
-    }
   }
 
   static constexpr double kRounding = 5e-4;  // seconds: times have 3 decimals
@@ -539,28 +566,39 @@ class Scan {
   std::vector<Block> blocks_;
 };
 
+constexpr double kNormal95 = 1.959964;
+
+struct Estimate {
+  double share;
+  double error;
+};
+
+Estimate EstimateOf(const Statistics& statistics, const std::string& group) {
+  const auto known = statistics.groups.find(group);
+  if (known != statistics.groups.end()) return {known->second.share, known->second.share_error};
+  return {0.0, 3.0 / static_cast<double>(std::max<int64_t>(1, statistics.scenes)) / kNormal95};
+}
+
 }  // namespace
 
 absl::StatusOr<Found> Find(const TagSet& set, const TagQuery& query) {
   return Scan(set, query).Run();
 }
 
-Change Compare(const Found& first, const Found& second, const std::string& group) {
-  constexpr double kNormal95 = 1.959964;
-  struct Estimate {
-    double share;
-    double error;
-  };
-  const auto estimate = [&](const Found& found) -> Estimate {
-    const auto known = found.groups.find(group);
-    if (known != found.groups.end()) return {known->second.share, known->second.share_error};
-    return {0.0, 3.0 / static_cast<double>(std::max<int64_t>(1, found.scenes)) / kNormal95};
-  };
-  const Estimate a = estimate(first);
-  const Estimate b = estimate(second);
+Change Compare(const Statistics& first, const Statistics& second, const std::string& group) {
+  if (!first.groups.contains(group) && !second.groups.contains(group)) return {};
+  const Estimate a = EstimateOf(first, group);
+  const Estimate b = EstimateOf(second, group);
   const double difference = a.share - b.share;
   const double reach = kNormal95 * std::hypot(a.error, b.error);
   return {difference, difference - reach, difference + reach};
+}
+
+ShareInterval IntervalOf(const Statistics& statistics, const std::string& group) {
+  const Estimate estimate = EstimateOf(statistics, group);
+  const double reach = kNormal95 * estimate.error;
+  return {estimate.share, std::max(0.0, estimate.share - reach),
+          std::min(1.0, estimate.share + reach)};
 }
 
 std::vector<Match> WithoutNearDuplicates(const TagSet& set, const std::vector<Match>& matches,

@@ -64,6 +64,8 @@ struct TagQuery {
   // Keeps the most surprising, most surprising first. Otherwise the first, in order.
   bool most_surprising = false;
   Grouping grouping = Grouping::kNone;
+  // Statistics of these rows are wanted separately: Found.parts. kNone: of all rows together only.
+  Grouping parts = Grouping::kNone;
   bool errors = false;  // Group.share_error is wanted
   int threads = 1;
 };
@@ -92,14 +94,21 @@ struct Group {
   double share_error = 0.0;
 };
 
-struct Found {
+// Counts of matching rows.
+struct Statistics {
   Group all;
   int64_t scenes = 0;  // recordings with matches, if errors are wanted
-  std::vector<Match> matches;
   // Groups by name. The name is, by TagQuery::grouping, that of the action or the class; a speed
   // range "5..10" in m/s; a place "300,-100", the middle of a square of 100 m; an hour "17" of the
-  // day in UTC, if the clock counts from 1970; or the name of the recording or the dataset.
+  // day in UTC, if the clock counts from 1970; or the name of the recording or the dataset. Shares
+  // are of the windows counted here.
   std::map<std::string, Group> groups;
+};
+
+struct Found : Statistics {
+  std::vector<Match> matches;
+  // The rows of each part alone, by the part's name: as that of a group, by TagQuery::parts.
+  std::map<std::string, Statistics> parts;
 };
 
 // Answers a query. Shards that cannot contain a match are not read. INVALID_ARGUMENT if no action
@@ -115,8 +124,16 @@ struct Change {
 
 // Compares the shares of a group in two answers; both queries must have `errors`. In an answer that
 // lacks the group, the share is 0, and the interval allows for up to 3 / n, where n is the answer's
-// number of recordings.
-Change Compare(const Found& first, const Found& second, const std::string& group);
+// number of recordings. If both lack it, they do not differ.
+Change Compare(const Statistics& first, const Statistics& second, const std::string& group);
+
+// An interval of 95 % for the share of a group. If the group is missing: from 0 to 3 / n.
+struct ShareInterval {
+  double share = 0.0;
+  double low = 0.0;
+  double high = 0.0;
+};
+ShareInterval IntervalOf(const Statistics& statistics, const std::string& group);
 
 // Returns the first of the matches that are not near-duplicates of an earlier one, at most `most`.
 // Two rows are near-duplicates if they have the same action, likeliest action and class, begin

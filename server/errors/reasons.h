@@ -17,7 +17,7 @@ struct ReasonEntry {
   std::string_view remedy;  // what the caller or the operator should do
 };
 
-// In the order of the page: reasons of any call, of predictions, models, datasets, jobs, and of how
+// In the order of the page: reasons of any call, of predictions, models, datasets, tags, jobs, and how
 // a job ended (Job.error).
 inline constexpr ReasonEntry kReasons[] = {
     {"CREDENTIALS_MISSING", "UNAUTHENTICATED",
@@ -165,6 +165,19 @@ inline constexpr ReasonEntry kReasons[] = {
      "wait for the job, or cancel it"},
     {"SCENARIO_NOT_FOUND", "NOT_FOUND", "the dataset has no scenario of this id",
      "ListScenarios names them"},
+
+    {"TAGS_NOT_FOUND", "NOT_FOUND", "there are no such tags", "ListTags names those that exist"},
+    {"TAGS_EXIST", "ALREADY_EXISTS",
+     "tags of this name exist with another version, datasets, windows or stride",
+     "choose another name, or delete them first"},
+    {"TAGS_IN_USE", "FAILED_PRECONDITION",
+     "the job in the metadata writes the tags that are to be deleted",
+     "wait for the job, or cancel it"},
+    {"TAGS_NOT_BEGUN", "FAILED_PRECONDITION", "no job has begun to write the tags",
+     "wait until the job runs"},
+    {"TAGS_DAMAGED", "DATA_LOSS", "a file of the tags is damaged", "delete them and tag again"},
+    {"TAG_QUOTA", "RESOURCE_EXHAUSTED", "all tags together would exceed their quota (--tag-quota)",
+     "delete tags that are no longer needed; tag or resume the job again"},
 
     {"JOB_NOT_FOUND", "NOT_FOUND", "there is no such job, or it ended long ago and was removed",
      "ListJobs names those that exist"},

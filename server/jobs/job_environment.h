@@ -11,6 +11,7 @@
 
 #include "model/data/dataset_store.h"
 #include "model/data/recording_blocks.h"
+#include "model/tags/tag_store.h"
 #include "server/jobs/checkpoints.h"
 #include "server/serving/model_versions.h"
 
@@ -42,6 +43,7 @@ struct JobRunEnvironment {
   // A job whose model has fewer effective actions fails.
   int least_effective_actions = 0;
   const data::DatasetStore* datasets = nullptr;
+  const tags::TagStore* tag_store = nullptr;
   serving::ModelVersions* versions = nullptr;
   std::chrono::milliseconds patience{5'000};  // from SIGTERM to SIGKILL
 };

@@ -3,6 +3,7 @@
 #include <google/protobuf/io/coded_stream.h>
 #include <google/protobuf/io/zero_copy_stream_impl_lite.h>
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <set>
@@ -29,6 +30,9 @@ constexpr int kMaxFolds = 100;
 constexpr int kDefaultFolds = 5;
 constexpr int kMostPriority = 100;
 constexpr int kMostRanks = 64;
+constexpr int kMostParts = 10'000;
+constexpr double kLeastStride = 0.01;  // seconds
+constexpr double kMostStride = 3600.0;
 constexpr char kDatasetRule[] =
     "expected datasets/{dataset}, with ids of lower-case letters, digits and hyphens";
 
@@ -315,12 +319,55 @@ absl::Status CheckRecalibrateRequest(const v1::RecalibrateRequest& request) {
   return Checked(violations);
 }
 
+absl::Status CheckTagRequest(const v1::TagRequest& request) {
+  Violations violations;
+  if (!request.model().empty() && !security::ParseModelReference(request.model(), "model").ok()) {
+    violations.push_back({"model", kModelRule});
+  }
+  if (request.datasets().empty()) violations.push_back({"datasets", "must name at least one"});
+  std::set<std::string> seen;
+  CheckDatasets(request.datasets(), "datasets", seen, violations);
+  if (!security::ParseTagsName(request.tags(), "tags").ok()) {
+    violations.push_back(
+        {"tags", "expected tags/{tags}, with ids of lower-case letters, digits and hyphens"});
+  }
+  if (request.parts() < 0 || request.parts() > kMostParts) {
+    violations.push_back({"parts", absl::StrCat("must be at most ", kMostParts, ", or 0 for 1")});
+  } else if (request.part() < 0 || request.part() >= PartsOf(request)) {
+    violations.push_back({"part", absl::StrCat("must be 0 to ", PartsOf(request) - 1)});
+  }
+  const double stride = StrideOf(request);
+  if (request.has_stride() && !(stride >= kLeastStride && stride <= kMostStride)) {
+    violations.push_back(
+        {"stride", absl::StrCat("must be ", kLeastStride, " to ", kMostStride, " seconds")});
+  }
+  CheckRequestId(request.request_id(), violations);
+  CheckPriority(request.priority(), violations);
+  return Checked(violations);
+}
+
 int FoldsOf(const v1::CrossValidateRequest& request) {
   return request.folds() == 0 ? kDefaultFolds : request.folds();
 }
 
 int64_t FoldSeedOf(const v1::CrossValidateRequest& request) {
   return request.has_fold_seed() ? request.fold_seed() : 1;
+}
+
+int PartsOf(const v1::TagRequest& request) { return std::max(1, request.parts()); }
+
+double StrideOf(const v1::TagRequest& request) {
+  return static_cast<double>(request.stride().seconds()) + 1e-9 * request.stride().nanos();
+}
+
+v1::Tags NewTags(const v1::Job& job) {
+  v1::Tags tags;
+  tags.set_model_version(job.tag().model());
+  *tags.mutable_datasets() = job.tag().datasets();
+  tags.set_windows(job.tag().windows());
+  if (job.tag().has_stride()) *tags.mutable_stride() = job.tag().stride();
+  *tags.mutable_create_time() = job.create_time();
+  return tags;
 }
 
 v1::ExampleSettings ResolveExamples(const v1::ExampleSettings& examples) {
@@ -342,6 +389,8 @@ std::string RequestDigest(v1::RecalibrateRequest request) {
   return DigestOfRequest(std::move(request));
 }
 
+std::string RequestDigest(v1::TagRequest request) { return DigestOfRequest(std::move(request)); }
+
 std::vector<std::string> DatasetIds(const v1::Job& job) {
   std::vector<std::string> ids;
   const auto add = [&ids](const std::string& name) {
@@ -357,6 +406,8 @@ std::vector<std::string> DatasetIds(const v1::Job& job) {
   } else if (job.has_cross_validate()) {
     for (const std::string& name : job.cross_validate().datasets()) add(name);
     for (const std::string& name : job.cross_validate().test_datasets()) add(name);
+  } else if (job.has_tag()) {
+    for (const std::string& name : job.tag().datasets()) add(name);
   } else {
     add(job.evaluate().dataset());
   }

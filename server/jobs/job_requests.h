@@ -22,6 +22,7 @@ absl::Status CheckTrainRequest(const v1::TrainRequest& request);
 absl::Status CheckEvaluateRequest(const v1::EvaluateRequest& request);
 absl::Status CheckCrossValidateRequest(const v1::CrossValidateRequest& request);
 absl::Status CheckRecalibrateRequest(const v1::RecalibrateRequest& request);
+absl::Status CheckTagRequest(const v1::TagRequest& request);
 
 // Checks that the settings of a request with start_from fit a model of this spec. CheckTrainRequest
 // does not check this. INVALID_ARGUMENT lists each wrong field.
@@ -46,10 +47,18 @@ std::string RequestDigest(v1::TrainRequest request);
 std::string RequestDigest(v1::EvaluateRequest request);
 std::string RequestDigest(v1::CrossValidateRequest request);
 std::string RequestDigest(v1::RecalibrateRequest request);
+std::string RequestDigest(v1::TagRequest request);
 
 // Return the number of folds and the fold seed, with the defaults for unset fields.
 int FoldsOf(const v1::CrossValidateRequest& request);
 int64_t FoldSeedOf(const v1::CrossValidateRequest& request);
+
+// Returns the number of parts, with its default.
+int PartsOf(const v1::TagRequest& request);
+// Returns the stride, seconds; 0 if it is unset.
+double StrideOf(const v1::TagRequest& request);
+// Returns the tags that a tagging job makes, as they begin.
+v1::Tags NewTags(const v1::Job& job);
 
 // Returns the ids of the datasets that a job reads.
 std::vector<std::string> DatasetIds(const v1::Job& job);

@@ -54,6 +54,7 @@ absl::Status EnsureSettings(const v1::Job& job, const serving::ModelVersions& ve
   if (job.has_recalibrate()) {
     return WriteSettings(ResolveExamples(job.recalibrate().examples()), folder);
   }
+  if (job.has_tag()) return WriteSettings(job.tag(), folder);
   if (job.has_cross_validate()) {
     return WriteSettings(artifact::ResolveTrainingSettings(job.cross_validate().settings()),
                          folder);

@@ -9,6 +9,7 @@
 #include "server/jobs/measure_step.h"
 #include "server/jobs/publish_step.h"
 #include "server/jobs/recalibrate_step.h"
+#include "server/jobs/tag_step.h"
 
 namespace maneuver::jobs {
 
@@ -26,6 +27,8 @@ JobSteps StepsOf(v1::Job& job, const std::filesystem::path& folder, const JobAtt
     steps.push_back(std::make_unique<DecideStep>(promotion));
   } else if (job.has_cross_validate()) {
     steps.push_back(std::make_unique<CrossValidateStep>(job, folder, attempt));
+  } else if (job.has_tag()) {
+    steps.push_back(std::make_unique<TagStep>(job, folder, attempt));
   } else {
     steps.push_back(std::make_unique<EvaluateStep>(job, folder, attempt));
   }

@@ -4,6 +4,7 @@
 //   evaluation         Evaluate
 //   cross-validation   CrossValidate
 //   recalibration      Recalibrate → Publish → Measure → Decide
+//   tagging            Tag
 
 #ifndef MANEUVER_SERVER_JOBS_JOB_STEPS_H_
 #define MANEUVER_SERVER_JOBS_JOB_STEPS_H_

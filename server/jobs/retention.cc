@@ -84,6 +84,7 @@ absl::Status Retention::SweepVersions() {
       if (job.has_train()) needed.insert(job.train().start_from());
       if (job.has_evaluate()) needed.insert(job.evaluate().model());
       if (job.has_recalibrate()) needed.insert(job.recalibrate().model());
+      if (job.has_tag()) needed.insert(job.tag().model());
     }
   }
   absl::Status result;

@@ -101,6 +101,7 @@ absl::StatusOr<serving::ModelAlias> StoredAlias(const security::ModelAliasName& 
 int64_t PriorityOf(const v1::Job& job) {
   if (job.has_evaluate()) return job.evaluate().priority();
   if (job.has_recalibrate()) return job.recalibrate().priority();
+  if (job.has_tag()) return job.tag().priority();
   return job.has_cross_validate() ? job.cross_validate().priority() : job.train().priority();
 }
 

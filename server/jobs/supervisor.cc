@@ -61,6 +61,7 @@ Supervisor::Supervisor(SupervisorOptions options, JobStore& store, data::Dataset
     : options_(std::move(options)),
       store_(store),
       datasets_(datasets),
+      tags_(options_.tags, options_.tag_quota_bytes),
       versions_(versions),
       replicas_(replicas),
       interruptions_(metrics.AddCounter("maneuver_job_interruptions_total",
@@ -98,6 +99,7 @@ absl::Status Supervisor::Recover() {
   if (error) return files::ErrnoStatus(error.value(), "create", options_.folder);
   absl::Status status = TakeAbandoned();
   if (status.ok()) status = RemoveUnknownFolders();
+  if (status.ok()) status = tags_.RemoveLeftovers(IsShared());
   if (!status.ok()) return status;
   CountJobs();
   return absl::OkStatus();
@@ -245,6 +247,7 @@ v1::Job Supervisor::Attempt(const ClaimedJob& claimed, int slot, StopRequest& st
       .checkpoints = options_.checkpoints,
       .least_effective_actions = options_.least_effective_actions,
       .datasets = &datasets_,
+      .tag_store = &tags_,
       .versions = &versions_,
       .patience = options_.patience};
   ProgressRecorder progress(

@@ -25,6 +25,7 @@
 #include "maneuver/v1/training_service.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
 #include "model/data/dataset_store.h"
+#include "model/tags/tag_store.h"
 #include "server/jobs/checkpoints.h"
 #include "server/jobs/child_process.h"
 #include "server/jobs/job_curves.h"
@@ -45,6 +46,8 @@ std::string NewJobId();
 
 struct SupervisorOptions {
   std::filesystem::path folder;       // DATA/jobs: one folder for each job
+  std::filesystem::path tags;         // DATA/tags: one folder for each id
+  int64_t tag_quota_bytes = 0;        // as in TagStore
   std::string trainer;                // the maneuver-trainer program
   std::vector<std::string> launcher;  // as in JobRunEnvironment
   JobLimits limits;
@@ -112,6 +115,10 @@ class Supervisor {
   absl::StatusOr<v1::Job> CrossValidate(const v1::CrossValidateRequest& request);
   // Creates a recalibration job, as Evaluate does.
   absl::StatusOr<v1::Job> Recalibrate(const v1::RecalibrateRequest& request);
+  // Creates a tagging job and the folder of its tags, as Train does. Its tag.model becomes the
+  // version that the reference points to now. More errors: ALREADY_EXISTS if the tags exist with
+  // another version, datasets, windows or stride; RESOURCE_EXHAUSTED if the quota is used up.
+  absl::StatusOr<v1::Job> Tag(const v1::TagRequest& request);
 
   // Returns a job. If it is PENDING, and no live server can run it, its error says why.
   absl::StatusOr<v1::Job> Get(const std::string& name);
@@ -134,10 +141,13 @@ class Supervisor {
 
   // Removes a dataset. FAILED_PRECONDITION while a pending or running job needs it.
   absl::Status DeleteDataset(const std::string& id);
+  // Removes tags. FAILED_PRECONDITION while a pending or running job writes them.
+  absl::Status DeleteTags(const std::string& id);
 
   // Announces new events of jobs. To follow a job, first subscribe, then read the store.
   JobNews& news() { return news_; }
   JobStore& store() { return store_; }
+  const tags::TagStore& tag_store() const { return tags_; }
 
  private:
   Supervisor(SupervisorOptions options, JobStore& store, data::DatasetStore& datasets,
@@ -175,6 +185,10 @@ class Supervisor {
                                      bool* found);
   // NOT_FOUND if a dataset that the job reads does not exist.
   absl::Status CheckDatasets(const v1::Job& job) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Returns whether BeginTags can succeed.
+  absl::Status CheckTags(const v1::Job& job) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Makes the folder of the job's tags, unless it is there.
+  absl::Status BeginTags(const v1::Job& job) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // RESOURCE_EXHAUSTED while max_pending_jobs are PENDING.
   absl::Status CheckRoom() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   std::filesystem::path FolderOf(const std::string& name) const;
@@ -193,6 +207,7 @@ class Supervisor {
   const SupervisorOptions options_;
   JobStore& store_;
   data::DatasetStore& datasets_;
+  const tags::TagStore tags_;
   serving::ModelVersions& versions_;
   ReplicaRegistry* const replicas_;
   std::map<v1::JobState, monitoring::Gauge*> gauges_;

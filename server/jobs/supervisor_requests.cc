@@ -248,12 +248,16 @@ absl::StatusOr<v1::Job> Supervisor::Admit(v1::Job job, const std::string& reques
     if (found || !earlier.ok()) return earlier;
     if (stops_) return Stopping();
     if (absl::Status status = CheckDatasets(job); !status.ok()) return status;
+    if (job.has_tag()) {
+      if (absl::Status status = CheckTags(job); !status.ok()) return status;
+    }
     job.set_state(v1::JOB_STATE_PENDING);
     if (absl::Status status = CheckRoom(); !status.ok()) return status;
     if (validate_only) return job;
     job.set_name(absl::StrCat("jobs/", options_.new_id()));
     *job.mutable_create_time() = ToTimestamp(options_.now());
     absl::Status status = EnsureSettings(job, versions_, FolderOf(job.name()));
+    if (status.ok() && job.has_tag()) status = BeginTags(job);
     if (status.ok()) status = store_.Add(job, request_id, digest);
     if (!status.ok()) {
       std::error_code ignored;  // the next start removes what is left

@@ -131,6 +131,8 @@ absl::Status TrainerStatus(const ChildResult& result, const std::string& last_wo
       return failed(absl::StatusCode::kAborted, "METRICS_NOT_FINITE",
                     "a metric of the evaluation is not finite; see whether the data or the model "
                     "is damaged.");
+    case TrainerExit::kNoRoom:
+      return TagQuotaReached();
     case TrainerExit::kRankLost:
     case TrainerExit::kInternal:
       break;
@@ -177,6 +179,14 @@ absl::Status GaveUp(absl::Status last, int processes) {
     status.SetPayload(url, payload);
   });
   return status;
+}
+
+absl::Status TagQuotaReached() {
+  return errors::WithReason(
+      absl::ResourceExhaustedError(
+          "all tags together have as many bytes as they may (--tag-quota); delete tags that are no "
+          "longer needed, and tag or resume the job again"),
+      "TAG_QUOTA");
 }
 
 absl::Status WallTimeExceeded(std::chrono::milliseconds limit) {

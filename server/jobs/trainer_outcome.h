@@ -18,7 +18,7 @@ namespace maneuver::jobs {
 
 // Returns OK for exit status 0, otherwise an error with one of these reasons as its ErrorInfo:
 //   INVALID_SETTINGS, UNUSABLE_DATA, NOT_ENOUGH_EXAMPLES, DISK_FULL, CANNOT_WRITE,
-//     TRAINING_DIVERGED, ACTIONS_COLLAPSED, METRICS_NOT_FINITE, TRAINER_INTERNAL
+//     TRAINING_DIVERGED, ACTIONS_COLLAPSED, METRICS_NOT_FINITE, TAG_QUOTA, TRAINER_INTERNAL
 //   OUT_OF_MEMORY: it exceeded its memory limit, or the system killed it for lack of memory
 //   WALL_TIME_EXCEEDED: it exceeded its time limit
 //   TRAINER_DIED: killed by a signal; metadata signal = its number
@@ -44,6 +44,9 @@ absl::Status ServerInterrupted();
 // the same reason.
 //   processes: how many in a row left no new checkpoint.
 absl::Status GaveUp(absl::Status last, int processes);
+
+// Returns the error of a tagging that would exceed the quota of tags: TAG_QUOTA.
+absl::Status TagQuotaReached();
 
 // Returns the error of a job that ran for as long as it may: WALL_TIME_EXCEEDED.
 absl::Status WallTimeExceeded(std::chrono::milliseconds limit);

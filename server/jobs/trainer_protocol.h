@@ -13,6 +13,9 @@
 //       [--test-dataset NAME=FOLDER...] [--folds N] [--fold-seed N] [--seeds N,...]
 //       [--models FOLDER] [--checkpoints FOLDER] [--data-memory BYTES] [--threads N]
 //       [--progress json|bar|none]
+//   maneuver-trainer tag --model FOLDER --dataset FOLDER... --output FOLDER
+//       [--part I --parts N] [--windows] [--stride S] [--room BYTES] [--checkpoints FOLDER]
+//       [--threads N] [--progress json|bar|none]
 //   maneuver-trainer devices
 //       Prints the values of TrainingSettings.device that can be used here, one a line.
 //
@@ -28,7 +31,8 @@
 // If the folder of --checkpoints has checkpoints of the same run, the run continues from the latest
 // one. A checkpoint is a file checkpoint-NUMBER, written in one step; numbers only grow. On SIGTERM
 // the run writes a last checkpoint. Checkpoints stay when the run is over. In a cross-validation,
-// each measured model is a checkpoint; a model whose learning was interrupted is learned again.
+// each measured model is a checkpoint; a model whose learning was interrupted is learned again. tag
+// continues with the shards that are not complete in its output; its checkpoints only count shards.
 
 #ifndef MANEUVER_SERVER_JOBS_TRAINER_PROTOCOL_H_
 #define MANEUVER_SERVER_JOBS_TRAINER_PROTOCOL_H_
@@ -49,6 +53,7 @@ enum class TrainerExit {
   kCollapsed = 81,        // to fewer actions than --least-actions
   kNotFinite = 82,        // a metric of the evaluation
   kRankLost = 83,         // another rank ended or did not answer; start all again
+  kNoRoom = 84,           // the output would have more bytes than --room
 };
 
 }  // namespace maneuver::jobs

@@ -98,6 +98,13 @@ void AddJobOptions(CLI::App& app, JobOptions& options) {
                  "Number of latest checkpoints that a job keeps")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
+  app.add_option(
+         "--tag-quota", options.tag_quota_bytes,
+         "Most bytes of all tags together, such as 50GiB; 0: no limit but the disk. Checked "
+         "after each shard")
+      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
   AddScaled(app, "--keep-jobs", "90", kMostDays, "Days to keep a job after its end; 0: for ever",
             [&options](double days) { options.retention.jobs = DaysOrForever(days); });
   AddScaled(app, "--keep-checkpoints", "14", kMostDays,

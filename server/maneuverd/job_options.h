@@ -25,6 +25,7 @@ struct JobOptions {
   jobs::CheckpointOptions checkpoints;
   int least_effective_actions = 2;
   jobs::RetentionPolicy retention;
+  int64_t tag_quota_bytes = 0;  // of all tags together; 0: no limit
 };
 
 // Adds the flags that set `options`. Parsing the command line writes to `options`, so it must live

@@ -53,6 +53,7 @@
 #include "server/rpc/prediction_service.h"
 #include "server/rpc/replica_service.h"
 #include "server/rpc/server.h"
+#include "server/rpc/tag_service.h"
 #include "server/rpc/training_service.h"
 #include "server/rpc/worker_pool.h"
 #include "server/serving/batch_scheduler.h"
@@ -116,6 +117,8 @@ class TerminationSignals {
 jobs::SupervisorOptions SupervisorOptionsFor(const ServerOptions& options) {
   jobs::SupervisorOptions supervisor;
   supervisor.folder = options.data_dir / "jobs";
+  supervisor.tags = options.data_dir / "tags";
+  supervisor.tag_quota_bytes = options.jobs.tag_quota_bytes;
   supervisor.trainer = options.jobs.trainer;
   supervisor.launcher = absl::StrSplit(options.jobs.trainer_command, ' ', absl::SkipEmpty());
   supervisor.limits = options.jobs.limits;
@@ -282,6 +285,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   rpc::ReplicaService replica_service((*store)->Replicas(), disk);
   rpc::DatasetService dataset_service(**datasets, **supervisor, disk, access);
   rpc::TrainingService training_service(**supervisor, disk, access);
+  rpc::TagService tag_service(**supervisor, disk, access);
   serving::OutcomeMetrics outcome_metrics(*metrics);
   rpc::WorkerPool scoring(kScoringThreads, kMaxWaitingForScores);
   std::unique_ptr<serving::OutcomeCollection> outcomes;
@@ -307,6 +311,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
        {v1::ModelService::service_full_name(), &model_service, {}, {}, room},
        {v1::DatasetService::service_full_name(), &dataset_service, {}, {}, room},
        {v1::TrainingService::service_full_name(), &training_service, {}, {}, room},
+       {v1::TagService::service_full_name(), &tag_service, {}, {}, room},
        {v1::ReplicaService::service_full_name(), &replica_service},
        {v1::AdminService::service_full_name(), &admin_service}},
       (*protection)->access(), *metrics, (*protection)->credentials(), options.limits);

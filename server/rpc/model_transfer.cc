@@ -8,8 +8,6 @@
 namespace maneuver::rpc {
 namespace {
 
-constexpr char kDownloadMethod[] = "/maneuver.v1.ModelService/DownloadModelVersion";
-
 // With the ErrorInfo that fits an error of an upload. One that has a reason keeps it.
 absl::Status WithUploadReason(absl::Status status) {
   if (!errors::ReasonOf(status).empty()) return status;
@@ -35,45 +33,11 @@ ModelDownloadCall::ModelDownloadCall(const serving::VersionStore& store,
                                      security::AccessControl& access,
                                      grpc::CallbackServerContext* rpc,
                                      const v1::DownloadModelVersionRequest& request)
-    : store_(store), table_(table), pool_(pool), rpc_(rpc), request_(request) {
-  admission_ = access.Watch(kDownloadMethod, CredentialsOf(*rpc),
-                            [this](const absl::Status& refusal) { OnRefused(refusal); });
-  if (!pool_.Post([this] { TakeStep(); })) End(Busy());
+    : DownloadCall(pool, rpc), store_(store), table_(table), request_(request) {
+  Start(access, "/maneuver.v1.ModelService/DownloadModelVersion");
 }
 
-void ModelDownloadCall::OnRefused(const absl::Status& refusal) {
-  const MutexLock lock(mutex_);
-  const bool again = !std::exchange(refusal_, refusal).ok();
-  if (again && !has_ended_) rpc_->TryCancel();
-}
-
-void ModelDownloadCall::TakeStep() {
-  absl::Status refusal;
-  {
-    const MutexLock lock(mutex_);
-    refusal = refusal_;
-  }
-  if (!refusal.ok()) return End(refusal);
-  const absl::StatusOr<bool> more = ReadNext();
-  if (!more.ok()) return End(errors::WithStorageReason(more.status()));
-  if (!*more) return End(absl::OkStatus());
-  StartWrite(&message_);
-}
-
-absl::StatusOr<bool> ModelDownloadCall::ReadNext() {
-  if (reader_ == nullptr) {
-    if (absl::Status status = Open(); !status.ok()) return status;
-    *message_.mutable_header() = reader_->header();
-    return true;
-  }
-  auto bytes = reader_->Next();
-  if (!bytes.ok()) return bytes.status();
-  const bool more = !bytes->empty();
-  message_.set_chunk(*std::move(bytes));
-  return more;
-}
-
-absl::Status ModelDownloadCall::Open() {
+absl::StatusOr<std::unique_ptr<serving::VersionReader>> ModelDownloadCall::Open() {
   const auto reference = security::ParseModelReference(request_.name(), "name");
   if (!reference.ok()) return reference.status();
   const auto version = table_.Resolve(*reference);
@@ -81,21 +45,7 @@ absl::Status ModelDownloadCall::Open() {
   auto reader = serving::VersionReader::Open(*version, store_.FolderOf(*version));
   if (!reader.ok()) return reader.status();
   if (absl::Status status = (*reader)->Skip(request_.arrived_bytes()); !status.ok()) return status;
-  reader_ = *std::move(reader);
-  return absl::OkStatus();
-}
-
-void ModelDownloadCall::OnWriteDone(bool ok) {
-  if (!ok) return End(absl::CancelledError("the download was cancelled"));
-  pool_.Continue([this] { TakeStep(); });
-}
-
-void ModelDownloadCall::End(const absl::Status& status) {
-  {
-    const MutexLock lock(mutex_);
-    has_ended_ = true;
-  }
-  Finish(ToGrpcStatus(status));
+  return reader;
 }
 
 ModelUploadCall::ModelUploadCall(serving::VersionUploads& uploads, WorkerPool& pool,

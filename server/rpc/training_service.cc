@@ -85,6 +85,12 @@ grpc::ServerUnaryReactor* TrainingService::Recalibrate(grpc::CallbackServerConte
   });
 }
 
+grpc::ServerUnaryReactor* TrainingService::Tag(grpc::CallbackServerContext* rpc,
+                                               const v1::TagRequest* request, v1::Job* response) {
+  return AnswerFrom(pool_, rpc,
+                    [this, request, response] { return Answer(jobs_.Tag(*request), response); });
+}
+
 grpc::ServerUnaryReactor* TrainingService::GetJob(grpc::CallbackServerContext* rpc,
                                                   const v1::GetJobRequest* request,
                                                   v1::Job* response) {

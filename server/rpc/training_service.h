@@ -27,6 +27,8 @@ class TrainingService final : public v1::TrainingService::CallbackService {
   grpc::ServerUnaryReactor* Recalibrate(grpc::CallbackServerContext* rpc,
                                         const v1::RecalibrateRequest* request,
                                         v1::Job* response) override;
+  grpc::ServerUnaryReactor* Tag(grpc::CallbackServerContext* rpc, const v1::TagRequest* request,
+                                v1::Job* response) override;
   grpc::ServerUnaryReactor* GetJob(grpc::CallbackServerContext* rpc,
                                    const v1::GetJobRequest* request, v1::Job* response) override;
   grpc::ServerUnaryReactor* ListJobs(grpc::CallbackServerContext* rpc,

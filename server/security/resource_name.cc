@@ -142,6 +142,12 @@ absl::StatusOr<std::string> ParseDatasetName(std::string_view name, std::string_
   return std::string(*id);
 }
 
+absl::StatusOr<std::string> ParseTagsName(std::string_view name, std::string_view field) {
+  const auto id = After(name, "tags/");
+  if (!id || !IsResourceId(*id)) return Malformed(field, absl::StrCat("tags/{tags}, ", kIdRule));
+  return std::string(*id);
+}
+
 absl::StatusOr<std::string> ParseJobName(std::string_view name, std::string_view field) {
   const auto id = After(name, "jobs/");
   if (!id || !IsJobId(*id)) return Malformed(field, absl::StrCat("jobs/{job}, ", kIdRule));

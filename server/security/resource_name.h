@@ -71,6 +71,8 @@ absl::StatusOr<ModelAliasName> ParseModelAliasName(std::string_view name, std::s
 absl::StatusOr<EvaluationName> ParseEvaluationName(std::string_view name, std::string_view field);
 // Parses datasets/{dataset} and returns the id.
 absl::StatusOr<std::string> ParseDatasetName(std::string_view name, std::string_view field);
+// Parses tags/{tags} and returns the id.
+absl::StatusOr<std::string> ParseTagsName(std::string_view name, std::string_view field);
 // Parses jobs/{job} and returns the id.
 absl::StatusOr<std::string> ParseJobName(std::string_view name, std::string_view field);
 

@@ -55,6 +55,7 @@ constexpr MethodRole kMethodRoles[] = {
     {"/maneuver.v1.TrainingService/Evaluate", Role::kTrain},
     {"/maneuver.v1.TrainingService/CrossValidate", Role::kTrain},
     {"/maneuver.v1.TrainingService/Recalibrate", Role::kTrain},
+    {"/maneuver.v1.TrainingService/Tag", Role::kTrain},
     {"/maneuver.v1.TrainingService/GetJob", Role::kTrain},
     {"/maneuver.v1.TrainingService/ListJobs", Role::kTrain},
     {"/maneuver.v1.TrainingService/WatchJob", Role::kTrain},
@@ -63,6 +64,10 @@ constexpr MethodRole kMethodRoles[] = {
     {"/maneuver.v1.TrainingService/DeleteJob", Role::kAdmin},
 
     {"/maneuver.v1.ReplicaService/ListReplicas", Role::kPredict},
+    {"/maneuver.v1.TagService/ListTags", Role::kTrain},
+    {"/maneuver.v1.TagService/GetTags", Role::kTrain},
+    {"/maneuver.v1.TagService/DownloadTags", Role::kTrain},
+    {"/maneuver.v1.TagService/DeleteTags", Role::kAdmin},
 
     {"/maneuver.v1.AdminService/GetLogLevel", Role::kAdmin},
     {"/maneuver.v1.AdminService/SetLogLevel", Role::kAdmin},

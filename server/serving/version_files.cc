@@ -1,60 +1,25 @@
 #include "server/serving/version_files.h"
 
-#include <fcntl.h>
-#include <sys/stat.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <array>
-#include <cerrno>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "model/artifact/model_folder.h"
 #include "model/files/digest.h"
-#include "model/files/errno_status.h"
 #include "server/errors/error_details.h"
+#include "server/serving/file_sender.h"
 
 namespace maneuver::serving {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr size_t kMaxChunkBytes = size_t{1} << 20;
 constexpr size_t kSha256Digits = 64;
 
 bool IsLowerHexadecimal(std::string_view text) {
   return std::ranges::all_of(
       text, [](char c) { return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f'); });
-}
-
-// A file that is open, and where the next byte is read.
-struct OpenFile {
-  explicit OpenFile(int opened) : descriptor(opened) {}
-  ~OpenFile() {
-    if (descriptor >= 0) close(descriptor);
-  }
-  OpenFile(const OpenFile&) = delete;
-  OpenFile& operator=(const OpenFile&) = delete;
-
-  const int descriptor;
-  int64_t offset = 0;
-};
-
-// Reads up to `most` bytes. Fewer come at the end of the file alone.
-absl::StatusOr<std::string> ReadAt(const OpenFile& file, size_t most, const char* name) {
-  std::string bytes(most, '\0');
-  size_t count = 0;
-  while (count < most) {
-    const ssize_t read = pread(file.descriptor, bytes.data() + count, most - count,
-                               static_cast<off_t>(file.offset + static_cast<int64_t>(count)));
-    if (read < 0 && errno == EINTR) continue;
-    if (read < 0) return files::ErrnoStatus(errno, "read", name);
-    if (read == 0) break;
-    count += static_cast<size_t>(read);
-  }
-  bytes.resize(count);
-  return bytes;
 }
 
 class FolderReader final : public VersionReader {
@@ -72,51 +37,28 @@ class FolderReader final : public VersionReader {
         if (absl::Status status = Add(folder, name); !status.ok()) return status;
         auto digest = files::Sha256OfFile(folder / name);
         if (!digest.ok()) return digest.status();
-        header_.mutable_files()->rbegin()->set_sha256(*std::move(digest));
+        sender_.file(sender_.files().size() - 1).set_sha256(*std::move(digest));
       }
     }
     // Small, and replaced as a whole when an action gets a label: what was opened is hashed.
-    const auto text = ReadAt(*files_[0], static_cast<size_t>(header_.files(0).size_bytes()), "");
+    const auto text = sender_.ReadWhole(0);
     if (!text.ok()) return text.status();
-    header_.mutable_files(0)->set_sha256(files::Sha256Hex(*text));
-    header_.mutable_files(1)->set_sha256(manifest->weights_sha256());
+    sender_.file(0).set_sha256(files::Sha256Hex(*text));
+    sender_.file(1).set_sha256(manifest->weights_sha256());
+    *header_.mutable_files() = sender_.files();
     return absl::OkStatus();
   }
 
   const v1::DownloadModelHeader& header() const override { return header_; }
 
   absl::Status Skip(const google::protobuf::RepeatedField<int64_t>& arrived_bytes) override {
-    if (arrived_bytes.empty()) return absl::OkStatus();
-    if (arrived_bytes.size() != header_.files_size()) {
-      return errors::InvalidField("arrived_bytes",
-                                  absl::StrCat("must be empty or have a number for each of the ",
-                                               header_.files_size(), " files"));
-    }
-    for (int i = 0; i < arrived_bytes.size(); ++i) {
-      const int64_t size = header_.files(i).size_bytes();
-      if (arrived_bytes.Get(i) < 0 || arrived_bytes.Get(i) > size) {
-        return errors::InvalidField(absl::StrCat("arrived_bytes[", i, "]"),
-                                    absl::StrCat("must be from 0 to the file's size, ", size));
-      }
-      files_[static_cast<size_t>(i)]->offset = arrived_bytes.Get(i);
-    }
-    return absl::OkStatus();
+    return sender_.Skip(arrived_bytes);
   }
 
   absl::StatusOr<std::string> Next() override {
-    for (; next_ < files_.size(); ++next_) {
-      OpenFile& file = *files_[next_];
-      const v1::ModelFile& announced = header_.files(static_cast<int>(next_));
-      const auto left = static_cast<size_t>(announced.size_bytes() - file.offset);
-      if (left == 0) continue;
-      auto bytes = ReadAt(file, std::min(left, kMaxChunkBytes), announced.file().c_str());
-      if (bytes.ok() && bytes->empty()) {
-        return Damaged(absl::StrCat(announced.file(), " has become shorter"));
-      }
-      if (bytes.ok()) file.offset += static_cast<int64_t>(bytes->size());
-      return bytes;
-    }
-    return std::string();
+    auto bytes = sender_.Next();
+    if (absl::IsDataLoss(bytes.status())) return Damaged(bytes.status().message());
+    return bytes;
   }
 
  private:
@@ -127,22 +69,11 @@ class FolderReader final : public VersionReader {
   }
 
   absl::Status Add(const fs::path& folder, const char* name) {
-    const fs::path path = folder / name;
-    auto file = std::make_unique<OpenFile>(open(path.c_str(), O_RDONLY | O_CLOEXEC));
-    struct stat about {};
-    if (file->descriptor < 0 || fstat(file->descriptor, &about) != 0) {
-      return files::ErrnoStatus(errno, "open", path);
-    }
-    v1::ModelFile* announced = header_.add_files();
-    announced->set_file(name);
-    announced->set_size_bytes(about.st_size);
-    files_.push_back(std::move(file));
-    return absl::OkStatus();
+    return sender_.Add(folder, name, FileSender::Opening::kNow);
   }
 
   v1::DownloadModelHeader header_;
-  std::vector<std::unique_ptr<OpenFile>> files_;  // in the order of the header
-  size_t next_ = 0;
+  FileSender sender_;
 };
 
 }  // namespace

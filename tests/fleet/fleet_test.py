@@ -274,6 +274,34 @@ class FindTest(unittest.TestCase):
             self.assertAlmostEqual((change["high"] - change["low"]) / 2 / reach, 1.0, delta=0.12)
             self.assertAlmostEqual((change["high"] + change["low"]) / 2, june - may, places=9)
 
+    def test_each_part_has_the_statistics_of_its_rows_alone(self):
+        parts = find("tags", "--by", "action", "--per", "dataset", "--against", "tags")["parts"]
+        self.assertEqual(set(parts), set(datasets()))
+        for name, part in parts.items():
+            counts = collections.Counter()
+            for row in rows("tags"):
+                if row["dataset"] == name:
+                    counts[row["name"]] += row["windows"]
+            self.assertEqual({group: sums["windows"] for group, sums in part["groups"].items()}, dict(counts))
+            self.assertEqual(part["windows"], counts.total())
+            for group, sums in part["groups"].items():
+                self.assertAlmostEqual(sums["share"], counts[group] / counts.total(), places=9)
+            for change in part["changes"].values():
+                self.assertEqual(change["difference"], 0.0)
+                self.assertLessEqual(change["low"], 0.0)
+        self.assertEqual(find("tags", "--by", "action", "--per", "dataset")["groups"],
+                         find("tags", "--by", "action")["groups"])
+
+    def test_shares_are_drawn_without_recordings(self):
+        sizes = []
+        for number, more in enumerate(((), ("--against", "tags"), ("--per", "speed"))):
+            run("find", "tags", "--by", "action", *more, "--plot", f"shares-{number}.png")
+            content = (folder / f"shares-{number}.png").read_bytes()
+            self.assertTrue(content.startswith(b"\x89PNG"))
+            sizes.append(content[16:24])
+        self.assertEqual(sizes[0], sizes[1])
+        self.assertGreater(sizes[2], sizes[0], "a panel for each speed")
+
     def test_a_dataset_of_the_surprising_has_no_near_duplicates(self):
         run("find", "tags", "--surprise", "top:12", "--as-dataset", "mined", "--dataset", *datasets())
         described = json.loads(run("--output", "json", "dataset", "show", "./mined").stdout)
@@ -303,7 +331,7 @@ class FindTest(unittest.TestCase):
         for arguments, says in ((("--action", "fly*"), "no action is called"), (("--speed", "5"), "--speed"),
                                 (("--near", "1,2"), "--near"), (("--where", "price>3"), "not a column"),
                                 (("--where", "ade>x"), "not a number"), (("--surprise", "top:0"), "--surprise"),
-                                (("--extract", "e"), "--dataset"), (("--against", "tags"), "--by"), (("--side", "ahead"), "--with")):
+                                (("--extract", "e"), "--dataset"), (("--against", "tags"), "--by"), (("--per", "hour"), "--by"), (("--side", "ahead"), "--with")):
             self.assertIn(says, run("find", "tags", *arguments, status=2).stderr)
         self.assertIn("schema.json", run("find", "d0", status=1).stderr)
         self.assertIn("another dataset", run("find", "tags", "--dataset", "elsewhere/d0", "--scene", "*-0",

@@ -61,6 +61,7 @@ const std::map<std::string, std::string> kExpectedRoles = {
     {"/maneuver.v1.TrainingService/Evaluate", "train"},
     {"/maneuver.v1.TrainingService/CrossValidate", "train"},
     {"/maneuver.v1.TrainingService/Recalibrate", "train"},
+    {"/maneuver.v1.TrainingService/Tag", "train"},
     {"/maneuver.v1.TrainingService/GetJob", "train"},
     {"/maneuver.v1.TrainingService/ListJobs", "train"},
     {"/maneuver.v1.TrainingService/WatchJob", "train"},
@@ -68,6 +69,10 @@ const std::map<std::string, std::string> kExpectedRoles = {
     {"/maneuver.v1.TrainingService/ResumeJob", "train"},
     {"/maneuver.v1.TrainingService/DeleteJob", "admin"},
     {"/maneuver.v1.ReplicaService/ListReplicas", "predict"},
+    {"/maneuver.v1.TagService/ListTags", "train"},
+    {"/maneuver.v1.TagService/GetTags", "train"},
+    {"/maneuver.v1.TagService/DownloadTags", "train"},
+    {"/maneuver.v1.TagService/DeleteTags", "admin"},
     {"/maneuver.v1.AdminService/GetLogLevel", "admin"},
     {"/maneuver.v1.AdminService/SetLogLevel", "admin"},
 };

@@ -17,6 +17,7 @@
 #include "maneuver/v1/outcome_service.pb.h"
 #include "maneuver/v1/prediction_service.pb.h"
 #include "maneuver/v1/replica_service.pb.h"
+#include "maneuver/v1/tag_service.pb.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "tests/integration/server_process.h"
 
@@ -30,7 +31,7 @@ std::vector<const MethodDescriptor*> AllMethods() {
   for (const auto* file :
        {v1::PredictRequest::descriptor()->file(), v1::ActionSet::descriptor()->file(),
         v1::UploadHeader::descriptor()->file(), v1::Job::descriptor()->file(),
-        v1::GetLogLevelRequest::descriptor()->file(),
+        v1::Tags::descriptor()->file(), v1::GetLogLevelRequest::descriptor()->file(),
         v1::ReportOutcomesRequest::descriptor()->file(), v1::Replica::descriptor()->file()}) {
     for (int s = 0; s < file->service_count(); ++s) {
       for (int m = 0; m < file->service(s)->method_count(); ++m) {
@@ -74,7 +75,7 @@ TEST(EveryMethodTest, AnswersAnEmptyRequest) {
   std::filesystem::create_directory(folder.path() / "data");
   ServerProcess server(folder.path() / "data");
   const std::vector<const MethodDescriptor*> methods = AllMethods();
-  EXPECT_EQ(methods.size(), 42u);
+  EXPECT_EQ(methods.size(), 47u);
   for (const MethodDescriptor* method : methods) {
     const std::string path = "/" + method->service()->full_name() + "/" + method->name();
     SCOPED_TRACE(path);

@@ -30,9 +30,9 @@ using google::protobuf::Message;
 using google::protobuf::MethodDescriptor;
 
 // Fields that name something on the server's disk, and tokens that are made of such names.
-const std::set<std::string> kNames = {"name",       "parent",       "model", "model_version",
-                                      "dataset",    "datasets",     "file",  "page_token",
-                                      "start_from", "test_datasets"};
+const std::set<std::string> kNames = {"name",       "parent",        "model", "model_version",
+                                      "dataset",    "datasets",      "file",  "page_token",
+                                      "start_from", "test_datasets", "tags"};
 // Strings that name nothing: the server keeps them or compares them.
 // `folder` is a path that only --dataset-folders can allow: registration_test.
 const std::set<std::string> kOtherStrings = {
@@ -73,6 +73,8 @@ const std::vector<std::string> kHostile = {
     "datasets/http://x",
     std::string("datasets/a\0b", 12),
     "datasets/" + std::string(100'000, 'a'),
+    "tags/..",
+    "tags/a/../../datasets",
     "jobs/..",
     "jobs/../x",
     "jobs/a/b",
@@ -91,6 +93,9 @@ const std::map<std::string, std::string> kHarmless = {
     {"maneuver.v1.RecalibrateRequest.model", "models/a/versions/1"},
     {"maneuver.v1.RecalibrateRequest.datasets", "datasets/a"},
     {"maneuver.v1.EvaluateRequest.model", "models/a/versions/1"},
+    {"maneuver.v1.TagRequest.model", "models/a/versions/1"},
+    {"maneuver.v1.TagRequest.datasets", "datasets/a"},
+    {"maneuver.v1.TagRequest.tags", "tags/a"},
     {"maneuver.v1.EvaluateRequest.dataset", "datasets/a"},
     {"maneuver.v1.ListModelVersionsRequest.parent", "models/a"},
     {"maneuver.v1.ListEvaluationReportsRequest.parent", "models/a/versions/1"},
@@ -165,7 +170,8 @@ std::vector<const MethodDescriptor*> AllMethods() {
   std::vector<const MethodDescriptor*> methods;
   for (const auto* file :
        {v1::PredictRequest::descriptor()->file(), v1::ActionSet::descriptor()->file(),
-        v1::UploadHeader::descriptor()->file(), v1::Job::descriptor()->file()}) {
+        v1::UploadHeader::descriptor()->file(), v1::Job::descriptor()->file(),
+        v1::Tags::descriptor()->file()}) {
     for (int s = 0; s < file->service_count(); ++s) {
       for (int m = 0; m < file->service(s)->method_count(); ++m) {
         methods.push_back(file->service(s)->method(m));

@@ -356,6 +356,23 @@ class ManagementTest(LiveTest):
                 client.download_model_version("models/nowhere", folder.parent / "nowhere")
             self.assertFalse((folder.parent / "nowhere").exists())
 
+    def test_tags_recordings_and_brings_the_tags(self):
+        job = self.client.wait_for_job(self.client.tag("models/tiny", ["datasets/town"],
+                                                       "tags/june", stride=2.0))
+        self.assertEqual(job.tagged.shards, 1)
+        self.assertEqual([tags.name for tags in self.client.list_tags()], ["tags/june"])
+        self.assertEqual(self.client.get_tags("tags/june"), job.tagged)
+        folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()), "june")
+        self.assertEqual(self.client.download_tags("tags/june", folder), "tags/june")
+        there = self.server.folder / "data/tags/june"
+        names = [path.name for path in there.iterdir() if not path.name.startswith(".")]
+        self.assertEqual(len(names), 3)
+        for name in names:
+            self.assertEqual((folder / name).read_bytes(), (there / name).read_bytes())
+        self.client.delete_tags("tags/june")
+        with self.assertRaises(maneuver.NotFoundError):
+            self.client.get_tags("tags/june")
+
     def test_evaluates_and_keeps_the_report(self):
         job = self.client.wait_for_job(self.client.evaluate("models/tiny", "datasets/town",
                                                             examples={"stride": "4s"}))

@@ -11,13 +11,13 @@ import grpc
 from google.protobuf import empty_pb2, json_format, wrappers_pb2
 from google.protobuf.message import Message
 
-from maneuver import v1
+from maneuver import downloads, v1
 from maneuver.answers import ActionSet, action_set_of
 from maneuver.connection import Connection, Deadlines
 from maneuver.credentials import Tls
 from maneuver.errors import UnavailableError, error, from_rpc, from_status
 from maneuver.jobs import Watch, has_ended
-from maneuver.model_transfers import ModelDownload, ModelUpload
+from maneuver.model_transfers import ModelUpload
 from maneuver.predictor import PredictionRequest, Predictor
 from maneuver.retry import Clock, OnRetry, RetryPolicy
 from maneuver.scenes import MapFeature, map_to_proto
@@ -58,9 +58,9 @@ class Client(Predictor):
     deadline: seconds for a call with all its attempts, or Deadlines for each kind of call. Every
         method takes a `timeout` in its place.
     retries: how often a call that failed is tried again, or a RetryPolicy. Calls that are safe to
-        repeat are: all but deletions, report_outcomes and collect_outcomes. train, evaluate, cross_validate and
-        recalibrate are safe because they carry a request_id; one is made up where the caller gives
-        none.
+        repeat are: all but deletions, report_outcomes and collect_outcomes. train, evaluate,
+        cross_validate, recalibrate and tag are safe because they carry a request_id; one is made up
+        where the caller gives none.
     on_retry: told before each wait.
 
     The constructor does not wait for the server: the first call connects. It raises ValueError for
@@ -266,7 +266,9 @@ class Client(Predictor):
         FileExistsError if the folder holds anything but this version, and OSError if it cannot be
         written.
         """
-        download = ModelDownload(self._connection, name, pathlib.Path(folder), on_progress)
+        download = downloads.FileDownload(self._connection,
+                                          downloads.model_version(self._connection), name,
+                                          pathlib.Path(folder), on_progress)
         return download.run(self._connection.deadline(timeout, self._connection.deadlines.upload))
 
     # Datasets.
@@ -395,6 +397,23 @@ class Client(Predictor):
             validate_only=validate_only, request_id=request_id or uuid.uuid4().hex)
         return self._manage(v1.Job, self._connection.training.Recalibrate, request, timeout)
 
+    def tag(self, model: str, datasets: Sequence[str], tags: str, *, part: int = 0, parts: int = 1,
+            windows: bool = False, stride: Optional[float] = None, priority: int = 0,
+            validate_only: bool = False, request_id: str = "",
+            timeout: Optional[float] = None) -> v1.Job:
+        """Starts tagging datasets/{dataset} into tags/{tags}; returns the job at once.
+
+        stride: seconds between two windows of a target; None: as in the model's training. The rest
+        is as in TagRequest.
+        """
+        request = v1.TagRequest(
+            model=model, datasets=datasets, tags=tags, part=part, parts=parts, windows=windows,
+            priority=priority, validate_only=validate_only,
+            request_id=request_id or uuid.uuid4().hex)
+        if stride is not None:
+            request.stride.FromNanoseconds(round(stride * 1e9))
+        return self._manage(v1.Job, self._connection.training.Tag, request, timeout)
+
     def get_job(self, name: str, *, timeout: Optional[float] = None) -> v1.Job:
         """Returns jobs/{job}."""
         return self._manage(
@@ -449,6 +468,32 @@ class Client(Predictor):
             raise error(grpc.StatusCode.CANCELLED, f"{name} was cancelled")
         assert has_ended(last)
         return last
+
+    # Tags, which jobs of tag() make.
+
+    def list_tags(self, *, timeout: Optional[float] = None) -> Iterator[v1.Tags]:
+        """Yields all tags, by name. timeout: for each page."""
+        return self._pages(self._connection.tags.ListTags, v1.ListTagsRequest(), "tags", timeout)
+
+    def get_tags(self, name: str, *, timeout: Optional[float] = None) -> v1.Tags:
+        """Returns what tags/{tags} are of, and how much is complete."""
+        return self._manage(
+            v1.Tags, self._connection.tags.GetTags, v1.GetTagsRequest(name=name), timeout)
+
+    def download_tags(self, name: str, folder: Union[str, "os.PathLike[str]"], *,
+                      on_progress: Optional[OnUploaded] = None,
+                      timeout: Optional[float] = None) -> str:
+        """Pulls the complete shards of tags/{tags} into a new folder; returns the name.
+
+        The folder appears, and the call continues after an error, as in download_model_version.
+        """
+        download = downloads.FileDownload(self._connection, downloads.tags(self._connection), name,
+                                          pathlib.Path(folder), on_progress)
+        return download.run(self._connection.deadline(timeout, self._connection.deadlines.upload))
+
+    def delete_tags(self, name: str, *, timeout: Optional[float] = None) -> None:
+        """Removes tags. Refused while a job writes them."""
+        self._delete(self._connection.tags.DeleteTags, v1.DeleteTagsRequest(name=name), timeout)
 
     # For operators.
 

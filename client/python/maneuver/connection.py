@@ -19,6 +19,7 @@ from maneuver.v1.model_service_pb2_grpc import ModelServiceStub
 from maneuver.v1.outcome_service_pb2_grpc import OutcomeServiceStub
 from maneuver.v1.prediction_service_pb2_grpc import PredictionServiceStub
 from maneuver.v1.replica_service_pb2_grpc import ReplicaServiceStub
+from maneuver.v1.tag_service_pb2_grpc import TagServiceStub
 from maneuver.v1.training_service_pb2_grpc import TrainingServiceStub
 
 _Answer = TypeVar("_Answer")
@@ -89,6 +90,7 @@ class Connection:
         self.datasets = DatasetServiceStub(self.channel)
         self.training = TrainingServiceStub(self.channel)
         self.replicas = ReplicaServiceStub(self.channel)
+        self.tags = TagServiceStub(self.channel)
         self.admin = AdminServiceStub(self.channel)
 
     def _open(self, address: ServerAddress, health_service: str) -> grpc.Channel:

@@ -20,6 +20,7 @@
 #include "server/jobs/trainer/prune_command.h"
 #include "server/jobs/trainer/recalibrate_command.h"
 #include "server/jobs/trainer/stop_signal.h"
+#include "server/jobs/trainer/tag_command.h"
 #include "server/jobs/trainer/train_command.h"
 #include "server/jobs/trainer_protocol.h"
 
@@ -55,6 +56,7 @@ constexpr char kFooter[] = R"(Exit status:
   80  diverged: the loss was no longer finite
   81  collapsed to fewer actions than --least-actions
   83  another rank ended or did not answer; started again, all go on
+  84  tags would take more room than they may
   143 stopped by SIGTERM (130: by SIGINT); nothing half-written remains)";
 
 // OpenMP's idle threads spin for milliseconds by default: on cores that are shared, with the server
@@ -102,6 +104,7 @@ int main(int argc, char** argv) {
   maneuver::trainer::MatchActionsCommand match(app);
   maneuver::trainer::CrossValidateCommand cross_validate(app);
   maneuver::trainer::RecalibrateCommand recalibrate(app);
+  maneuver::trainer::TagCommand tag(app);
   const CLI::App* const devices =
       app.add_subcommand("devices", "Print the devices that a training can use here, one a line");
   try {
@@ -124,5 +127,6 @@ int main(int argc, char** argv) {
   if (match.chosen()) return match.Run();
   if (cross_validate.chosen()) return cross_validate.Run();
   if (recalibrate.chosen()) return recalibrate.Run();
+  if (tag.chosen()) return tag.Run();
   return prune.chosen() ? prune.Run() : evaluate.Run();
 }

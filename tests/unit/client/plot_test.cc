@@ -12,6 +12,7 @@
 #include "client/plot/label_placer.h"
 #include "client/plot/recordings_plot.h"
 #include "client/plot/scene_plot.h"
+#include "client/plot/share_plot.h"
 #include "model/scene/pose2.h"
 #include "tests/unit/client/pictures_for_tests.h"
 
@@ -31,6 +32,57 @@ int NearestInRecording(const cv::Mat& picture, double x, double y, Color color) 
     }
   }
   return nearest;
+}
+
+// Returns how many pixels have a colour.
+int CountColor(const cv::Mat& picture, Color color) {
+  int count = 0;
+  for (int y = 0; y < picture.rows; ++y) {
+    for (int x = 0; x < picture.cols; ++x) {
+      count += Distance(picture.at<cv::Vec3b>(y, x), color) < 12 ? 1 : 0;
+    }
+  }
+  return count;
+}
+
+TEST(SharePlotTest, DrawsEachShareWithItsIntervalAndMarksChanges) {
+  constexpr Color kFirst = {0, 114, 178};
+  constexpr Color kSecond = {213, 94, 0};
+  constexpr Color kChanged = {255, 240, 200};
+  SharePlot shares{.title = "Shares by action",
+                   .subtitle = "june",
+                   .name = "june",
+                   .against = "",
+                   .rows = {"left turn", "stop"},
+                   .panels = {}};
+  shares.panels.push_back(
+      {"all", "10 windows", {{{0.2, 0.1, 0.3}, {}, false}, {{0.8, 0.7, 0.9}, {}, false}}});
+  const auto alone = DrawShares(shares);
+  ASSERT_TRUE(alone.ok()) << alone.status();
+  const int narrow = CountColor(Decode(*alone), kFirst);
+  EXPECT_GT(narrow, 100);
+  EXPECT_EQ(CountColor(Decode(*alone), kSecond), 0);
+  EXPECT_EQ(CountColor(Decode(*alone), kChanged), 0);
+  // A wider interval is a longer line. The scale stays, since the largest end does.
+  shares.panels[0].cells[0].share.high = 0.6;
+  EXPECT_GT(CountColor(Decode(*DrawShares(shares)), kFirst), narrow + 100);
+  shares.against = "may";
+  for (ShareCell& cell : shares.panels[0].cells) cell.against = PlottedShare{0.5, 0.4, 0.6};
+  shares.panels[0].cells[1].changed = true;
+  const cv::Mat compared = Decode(*DrawShares(shares));
+  EXPECT_GT(CountColor(compared, kSecond), 100);
+  EXPECT_GT(CountColor(compared, kChanged), 5'000);
+}
+
+TEST(SharePlotTest, RefusesWhatCannotBeDrawn) {
+  SharePlot shares;
+  EXPECT_TRUE(absl::IsInvalidArgument(DrawShares(shares).status()));
+  shares.rows = {"a"};
+  shares.panels.resize(1);
+  EXPECT_TRUE(absl::IsInvalidArgument(DrawShares(shares).status())) << "a panel without cells";
+  shares.rows.resize(1'000);
+  shares.panels[0].cells.resize(1'000);
+  EXPECT_TRUE(absl::IsInvalidArgument(DrawShares(shares).status()));
 }
 
 TEST(RecordingsPlotTest, DrawsTargetsAndTheirPathsNorthUp) {

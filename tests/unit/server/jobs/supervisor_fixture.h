@@ -121,6 +121,7 @@ done
   SupervisorOptions Options() {
     SupervisorOptions options;
     options.folder = folder_ / "jobs";
+    options.tags = folder_ / "tags";
     options.trainer = folder_ / "trainer";
     return options;
   }

@@ -11,6 +11,7 @@
 #include "maneuver/v1/model_service.pb.h"
 #include "maneuver/v1/outcome_service.pb.h"
 #include "maneuver/v1/prediction_service.pb.h"
+#include "maneuver/v1/tag_service.pb.h"
 #include "maneuver/v1/training_service.pb.h"
 
 namespace maneuver::security::roles_test {
@@ -21,7 +22,7 @@ std::set<std::string> MethodsOfTheContract() {
   for (const auto* file :
        {v1::PredictRequest::descriptor()->file(), v1::ActionSet::descriptor()->file(),
         v1::UploadHeader::descriptor()->file(), v1::Job::descriptor()->file(),
-        v1::GetLogLevelRequest::descriptor()->file(),
+        v1::Tags::descriptor()->file(), v1::GetLogLevelRequest::descriptor()->file(),
         v1::ReportOutcomesRequest::descriptor()->file()}) {
     for (int s = 0; s < file->service_count(); ++s) {
       const auto* service = file->service(s);
