@@ -66,7 +66,9 @@ std::vector<TrainingProgress::Phase> Learner::Plan(const v1::TrainingSettings& s
   // Of an example, relative to learning from it in the joint phase.
   constexpr double kEncodeShare = 0.2;
   constexpr double kMeasureShare = 1.5;
+  constexpr double kFinishShare = 0.2;
   const double example = kJointCost / static_cast<double>(batch);
+  const double measured = example * static_cast<double>(measured_examples);
   std::vector<TrainingProgress::Phase> plan = {{"load", 1, 1, 1.0}};
   if (!started) {
     plan.insert(plan.end(),
@@ -83,9 +85,13 @@ std::vector<TrainingProgress::Phase> Learner::Plan(const v1::TrainingSettings& s
                {kCovariancePhase, covariance_epochs, covariance_epochs * long_epoch, 10.0},
                CalibrationPhase(kCalibratePhase, PlanCalibration(settings, examples.Calibrated()),
                                 kEncodeShare * example * kEncodedBatch),
-               {"export", 1, 1, 1.0},
-               {"evaluate", 1, 100,
-                kMeasureShare * example * static_cast<double>(measured_examples) / 100.0}});
+               {kExportPhase, 1, 1, 1.0},
+               {kEvaluatePhase,
+                1,
+                kEvaluateSteps,
+                kMeasureShare * measured / kEvaluateSteps,
+                {},
+                {{1, kFinishShare * measured}}}});
   return plan;
 }
 
@@ -138,7 +144,8 @@ void Learner::Rehearse(const LaterPhases& later) {
                           return CalibrateBy(most, state_, count);
                         }});
   for (const RehearsedCalibration& each : later.calibrated) rehearse_calibration(each);
-  progress.Replan(WithMeasuredSteps(progress.plan(), measured));
+  if (later.rehearse_others && measured.contains(kJointPhase)) later.rehearse_others(&measured);
+  progress.Replan(WithMeasuredSteps(progress.plan(), measured), measured.contains(kJointPhase));
 }
 
 absl::Status Learner::Learn(const LaterPhases& later) {

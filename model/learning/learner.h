@@ -20,6 +20,12 @@
 
 namespace maneuver::learning {
 
+// The phases that follow the learner's in its plan, and the steps of the second. A step of another
+// kind ends that one: it makes a report and completes the model.
+inline constexpr char kExportPhase[] = "export";
+inline constexpr char kEvaluatePhase[] = "evaluate";
+inline constexpr int kEvaluateSteps = 100;
+
 class Learner {
  public:
   //   settings: complete (artifact::ResolveTrainingSettings)

@@ -20,12 +20,12 @@ bool MeasuringTime::Continue(int64_t done, int64_t total) {
   return last_.seconds - first_->seconds < kEnough;
 }
 
-std::optional<double> MeasuringTime::Seconds() const {
+std::optional<double> MeasuringTime::SecondsOf(int64_t examples) const {
   if (!first_ || last_.done <= first_->done) return std::nullopt;
   const double example =
       (last_.seconds - first_->seconds) / static_cast<double>(last_.done - first_->done);
   const double before = first_->seconds - example * static_cast<double>(first_->done);
-  return std::max(0.0, before) + example * static_cast<double>(total_);
+  return std::max(0.0, before) + example * static_cast<double>(examples);
 }
 
 }  // namespace maneuver::learning

@@ -21,9 +21,11 @@ class MeasuringTime {
   // has seen a second of examples.
   bool Continue(int64_t done, int64_t total);
 
-  // Returns the seconds that the whole measurement takes: the time before its first example, plus
-  // the time of one example for each. Nothing before Continue was called twice.
-  std::optional<double> Seconds() const;
+  // Returns the seconds that `examples` examples take: the time before the first one, plus the time
+  // of one example for each. Nothing before Continue was called twice.
+  std::optional<double> SecondsOf(int64_t examples) const;
+  // The same for all examples of the measurement.
+  std::optional<double> Seconds() const { return SecondsOf(total_); }
 
  private:
   struct Moment {

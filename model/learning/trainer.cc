@@ -147,7 +147,7 @@ class Training {
       return absl::OkStatus();
     });
     if (status.ok()) {
-      status = learner.Learn(anchors ? anchors->Rehearsed() : LaterPhases());
+      status = learner.Learn(Later(data, learner, anchors ? &*anchors : nullptr));
     }
     absl::StatusOr<v1::ModelManifest> manifest = v1::ModelManifest();
     if (status.ok()) {
@@ -198,6 +198,25 @@ class Training {
     std::vector<std::string> derived = {};  // [K], or empty: they are still to be made
   };
 
+  // Returns what follows the learner's phases.
+  LaterPhases Later(const TrainingData& data, Learner& learner, const AnchorLearner* anchors) {
+    LaterPhases later = anchors != nullptr ? anchors->Rehearsed() : LaterPhases();
+    later.rehearse_others = [this, &data, &learner, anchors](MeasuredSteps* measured) {
+      ExportOptions options;
+      options.output = run_.output;
+      options.threads = Threads(run_);
+      if (anchors != nullptr) options.baselines = anchors->Export();
+      options.progress = [this](int64_t, int64_t) { return !ranks_.StopRequested(); };
+      const std::optional<ExportSeconds> seconds =
+          RehearseExport({Describe(data), learner.state().networks.Export()}, data,
+                         settings_.examples(), options, progress_.clock());
+      if (!seconds) return;
+      (*measured)[kExportPhase] = {seconds->write};
+      (*measured)[kEvaluatePhase] = {seconds->measure / kEvaluateSteps, seconds->finish};
+    };
+    return later;
+  }
+
   // Learns the baselines, if there is a learner of them, and writes the model.
   absl::StatusOr<v1::ModelManifest> Finish(const TrainingData& data, Learner& learner,
                                            AnchorLearner* anchors, GivenNames given) {
@@ -207,23 +226,32 @@ class Training {
       if (!baselines.ok()) return baselines.status();
       options.baselines = *std::move(baselines);
     }
-    progress_.BeginPhase("export");
+    progress_.BeginPhase(kExportPhase);
     artifact::StoredModel model{Describe(data), learner.state().networks.Export()};
-    progress_.BeginPhase("evaluate");
     options.output = run_.output;
     options.threads = Threads(run_);
     options.labels = std::move(given.labels);
     options.names = std::move(given.derived);
     options.least_effective_actions = run_.least_effective_actions;
-    int64_t reported = 0;  // hundredths, as the plan has it
-    options.progress = [this, &reported](int64_t done, int64_t total) {
-      for (const int64_t now = 100 * done / std::max<int64_t>(1, total); reported < now;
+    bool is_measuring = false;
+    int64_t reported = 0;  // steps
+    const auto begin_measuring = [this, &is_measuring] {
+      if (!std::exchange(is_measuring, true)) progress_.BeginPhase(kEvaluatePhase);
+    };
+    options.progress = [this, &begin_measuring, &reported](int64_t done, int64_t total) {
+      begin_measuring();
+      for (const int64_t now = kEvaluateSteps * done / std::max<int64_t>(1, total); reported < now;
            ++reported) {
         progress_.Step(0);
       }
       return !ranks_.StopRequested();
     };
-    return ExportModel(std::move(model), data, settings_.examples(), options);
+    absl::StatusOr<v1::ModelManifest> manifest =
+        ExportModel(std::move(model), data, settings_.examples(), options);
+    if (!manifest.ok()) return manifest;
+    begin_measuring();  // else there were too few examples for a report
+    progress_.Step(0, {}, 1);
+    return manifest;
   }
 
   // Gives the learner the model to start from. Returns the names of its actions, which stay what

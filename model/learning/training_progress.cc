@@ -1,5 +1,7 @@
 #include "model/learning/training_progress.h"
 
+#include <google/protobuf/util/time_util.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -53,7 +55,10 @@ void TrainingProgress::BeginPhase(const std::string& name) {
   Emit(Snapshot());
 }
 
-void TrainingProgress::Replan(std::vector<Phase> phases) { phases_ = std::move(phases); }
+void TrainingProgress::Replan(std::vector<Phase> phases, bool in_seconds) {
+  phases_ = std::move(phases);
+  in_seconds_ = in_seconds;
+}
 
 void TrainingProgress::BeginEpoch(int epoch) {
   epoch_ = epoch;
@@ -112,8 +117,9 @@ std::vector<TrainingProgress::Measured> TrainingProgress::MeasuredOf(size_t phas
 }
 
 double TrainingProgress::SecondsPerCost() const {
-  double seconds = 0.0;
-  double cost = 0.0;
+  // The first few steps do not outweigh costs that are seconds.
+  double seconds = in_seconds_ ? kEstimateFrom * TotalCost() : 0.0;
+  double cost = seconds;
   for (size_t i = 0; i <= static_cast<size_t>(current_); ++i) {
     const std::vector<Steps> kinds = KindsOf(phases_[i]);
     const std::vector<Measured> measured = MeasuredOf(i);
@@ -184,8 +190,9 @@ v1::JobProgress TrainingProgress::Snapshot() const {
   progress.set_step(step_);
   progress.set_steps(std::max(steps, step_));
   progress.set_fraction(fraction);
-  if (fraction >= resumed_at_ + kEstimateFrom) {
-    progress.mutable_time_left()->set_seconds(static_cast<int64_t>(std::ceil(SecondsLeft())));
+  if (in_seconds_ || fraction >= resumed_at_ + kEstimateFrom) {
+    *progress.mutable_time_left() =
+        google::protobuf::util::TimeUtil::MillisecondsToDuration(std::llround(1e3 * SecondsLeft()));
   }
   const double phase_seconds = Seconds(clock_() - phase_begun_);
   if (phase_seconds > 0.0) {

@@ -50,7 +50,9 @@ class TrainingProgress {
   // the phases between.
   void BeginPhase(const std::string& name);
   // Replaces the plan once it is better known. Phases that are over stay over.
-  void Replan(std::vector<Phase> phases);
+  //   in_seconds: whether the costs are seconds. The time left is then reported from now on, and
+  //     not only once 2 % of the run have shown what a step takes
+  void Replan(std::vector<Phase> phases, bool in_seconds = false);
   const std::vector<Phase>& plan() const { return phases_; }
   const Clock& clock() const { return clock_; }
   void BeginEpoch(int epoch);  // from 1
@@ -91,6 +93,7 @@ class TrainingProgress {
   void Emit(v1::JobProgress progress);
 
   std::vector<Phase> phases_;
+  bool in_seconds_ = false;                                // the costs
   std::map<std::string, std::vector<Measured>> measured_;  // by name, of phases that are over
   Sink sink_;
   Clock clock_;

@@ -11,6 +11,7 @@
 #include "model/learning/covariance_fit.h"
 #include "model/learning/epoch_size.h"
 #include "model/learning/example_order.h"
+#include "model/learning/learner.h"
 #include "model/learning/optimizer.h"
 #include "model/learning/phases/calibrate.h"
 #include "model/learning/phases/scene_batches.h"
@@ -149,7 +150,7 @@ void AnchorLearner::AddPhases(const v1::TrainingSettings& settings, const RunExa
   // Encoding takes as long as for the model.
   const double encode =
       std::ranges::find(*plan, kCalibratePhase, &TrainingProgress::Phase::name)->cost;
-  const auto place = std::ranges::find(*plan, "export", &TrainingProgress::Phase::name);
+  const auto place = std::ranges::find(*plan, kExportPhase, &TrainingProgress::Phase::name);
   const auto calibration = [&](bool regresses) {
     return CalibrationPhase(kCalibrations[regresses ? 1 : 0],
                             PlanAnchorCalibration(settings, regresses, examples.Calibrated()),
@@ -171,8 +172,12 @@ absl::StatusOr<artifact::StoredBaselines> AnchorLearner::Learn() {
                        StepsOf(loop_.progress()));
     if (!status.ok()) return status;
   }
-  return artifact::StoredBaselines{baselines_[0].networks.spec(), baselines_[0].networks.Export(),
-                                   baselines_[1].networks.Export()};
+  return Export();
+}
+
+artifact::StoredBaselines AnchorLearner::Export() const {
+  return {baselines_[0].networks.spec(), baselines_[0].networks.Export(),
+          baselines_[1].networks.Export()};
 }
 
 LaterPhases AnchorLearner::Rehearsed() const {

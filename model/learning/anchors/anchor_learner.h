@@ -44,6 +44,9 @@ class AnchorLearner {
   // it was asked to stop, ABORTED if the loss is no longer finite.
   absl::StatusOr<artifact::StoredBaselines> Learn();
 
+  // Returns both baselines as they are: on fresh weights until Learn.
+  artifact::StoredBaselines Export() const;
+
  private:
   struct Baseline {
     std::string phase;

@@ -59,14 +59,16 @@ std::optional<std::vector<double>> RehearseCalibration(const RehearsedCalibratio
                                                        LearningState& state,
                                                        const TrainingProgress::Clock& clock);
 
-// Phases and calibrations that follow those of a learner.
+// Seconds of a step, by the phase's name, of each kind.
+using MeasuredSteps = std::map<std::string, std::vector<double>>;
+
+// What follows the phases of a learner.
 struct LaterPhases {
   std::vector<RehearsedPhase> learned = {};
   std::vector<RehearsedCalibration> calibrated = {};
+  // Rehearses phases of other sorts and adds their steps. May be empty.
+  std::function<void(MeasuredSteps*)> rehearse_others = nullptr;
 };
-
-// Seconds of a step, by the phase's name, of each kind.
-using MeasuredSteps = std::map<std::string, std::vector<double>>;
 
 // Returns the plan with costs in seconds a step. A phase in `measured` gets its measured costs, and
 // one whose `seconds` are known gets those. Other phases get their planned costs times a factor:

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <iostream>
+#include <utility>
 
 #include "absl/status/statusor.h"
 #include "maneuver/v1/training_service.pb.h"
@@ -88,11 +89,15 @@ absl::StatusOr<v1::EvaluationReport> EvaluateCommand::Measure(const v1::ExampleS
   const absl::StatusOr<DatasetMeasurement> measurement =
       DatasetMeasurement::Open(model_, dataset_, data_memory_);
   if (!measurement.ok()) return measurement.status();
-  progress.BeginPhase("evaluate");
+  bool is_measuring = false;
   int64_t reported = 0;  // hundredths
   int64_t counted = 0;
   return measurement->Measure(examples, sampled_examples_, threads_,
                               [&](int64_t done, int64_t total) {
+                                // Up to the first report, recordings were read.
+                                if (!std::exchange(is_measuring, true)) {
+                                  progress.BeginPhase("evaluate");
+                                }
                                 for (const int64_t now = 100 * done / std::max<int64_t>(1, total);
                                      reported < now; ++reported) {
                                   progress.Step(done - counted);

@@ -1,6 +1,7 @@
 #include "server/jobs/trainer/progress_display.h"
 
 #include <google/protobuf/util/json_util.h>
+#include <google/protobuf/util/time_util.h>
 
 #include <algorithm>
 
@@ -13,7 +14,9 @@ namespace {
 constexpr int kBarWidth = 24;
 constexpr char kClearLine[] = "\r\033[K";
 
-std::string Minutes(int64_t seconds) {
+std::string Minutes(const google::protobuf::Duration& duration) {
+  const int64_t seconds =
+      (google::protobuf::util::TimeUtil::DurationToMilliseconds(duration) + 500) / 1000;
   return absl::StrFormat("%d:%02d", seconds / 60, seconds % 60);
 }
 
@@ -75,7 +78,7 @@ void ProgressDisplay::ShowBar(const v1::JobProgress& progress) {
     absl::StrAppend(&line, " ", progress.epoch(), "/", progress.epochs());
   }
   if (progress.has_time_left()) {
-    absl::StrAppend(&line, "  ", Minutes(progress.time_left().seconds()), " left");
+    absl::StrAppend(&line, "  ", Minutes(progress.time_left()), " left");
   }
   out_ << line << std::flush;
   line_open_ = true;

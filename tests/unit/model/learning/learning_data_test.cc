@@ -369,6 +369,31 @@ TEST_F(TrainingProgressTest, StepsOfEachKindPredictTheirOwnTime) {
   EXPECT_EQ(seen_.back().time_left().seconds(), 14 * 12 + 2 * 5 * 80 / 25);
 }
 
+TEST_F(TrainingProgressTest, CostsInSecondsTellTheTimeLeftAtOnceAndOutweighTheFirstSteps) {
+  progress_.BeginPhase("load");
+  EXPECT_FALSE(seen_.back().has_time_left());
+  progress_.Replan({{"load", 1, 1, 1.0}, {"pretrain", 1, 500, 0.5}, {"joint", 2, 100, 7.49}}, true);
+  progress_.BeginPhase("pretrain");
+  EXPECT_EQ(seen_.back().time_left().seconds(), 250 + 749);
+  // Five steps take three times what the plan says, against 2 % of 1000 s as planned.
+  for (int i = 0; i < 5; ++i) {
+    now_ += std::chrono::milliseconds(1500);
+    progress_.Step(4);
+  }
+  const double slower = (20.0 + 7.5) / (20.0 + 2.5);
+  EXPECT_EQ(seen_.back().time_left().seconds(), static_cast<int64_t>(495 * 1.5 + 749 * slower));
+}
+
+TEST_F(TrainingProgressTest, DoesNotRoundTheTimeLeft) {
+  progress_.BeginPhase("joint");
+  for (int i = 0; i < 9; ++i) {
+    now_ += std::chrono::milliseconds(1250);
+    progress_.Step(4);
+  }
+  EXPECT_EQ(seen_.back().time_left().seconds(), 1);
+  EXPECT_EQ(seen_.back().time_left().nanos(), 250'000'000);
+}
+
 TEST_F(TrainingProgressTest, DoesNotTimeStepsOfAnotherRun) {
   progress_.BeginPhase("joint");
   progress_.Resume(4);
