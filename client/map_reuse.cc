@@ -45,6 +45,9 @@ bool Equal(const Features& a, const Features& b) {
   });
 }
 
+// Once no map was missing for so many calls, every server has them.
+constexpr int kCallsToTrust = 64;
+
 bool IsNotRegistered(const absl::Status& status) {
   return absl::IsFailedPrecondition(status) &&
          ErrorDetailsOf(status).reason == "MAP_NOT_REGISTERED";
@@ -71,23 +74,41 @@ void MapReuse::Forget() {
   known_.clear();
 }
 
+void MapReuse::Note(bool was_missing) {
+  const MutexLock lock(mutex_);
+  // The first time it was lost by a server that was started again.
+  if (was_missing) spreads_ = found_ < kCallsToTrust;
+  found_ = was_missing ? 0 : std::min(found_ + 1, kCallsToTrust);
+  if (found_ == kCallsToTrust) spreads_ = false;
+}
+
 absl::StatusOr<std::string> MapReuse::IdOf(std::shared_ptr<const Features>* features,
                                            absl::Time deadline, const CallOptions& call) {
   const size_t hash = Hash(**features);
+  int times = 1;
   {
     const MutexLock lock(mutex_);
     const auto known = std::ranges::find_if(known_, [&](const KnownMap& map) {
       return map.hash == hash && Equal(*map.features, **features);
     });
-    if (known != known_.end()) {
+    // By chance: a balancer that takes turns would always pass over the same server.
+    const bool spreads = spreads_ && std::bernoulli_distribution(0.5)(random_);
+    if (known != known_.end() && spreads) {
+      known_.erase(known);
+    } else if (known != known_.end()) {
       known_.splice(known_.begin(), known_, known);
       *features = known->features;
       return known->map_id;
+    } else if (spreads) {
+      times = 2;
     }
   }
   v1::RegisterMapRequest request;
   *request.mutable_map_features() = **features;
   auto registered = client_.RegisterMap(request, Until(deadline, call));
+  if (times == 2 && registered.ok()) {
+    registered = client_.RegisterMap(request, Until(deadline, call));
+  }
   if (CannotBeHeld(registered.status())) return std::string();
   if (!registered.ok()) return registered.status();
   const MutexLock lock(mutex_);
@@ -142,7 +163,9 @@ absl::StatusOr<Response> MapReuse::Call(
     const auto aside = SetAside(request.mutable_scenarios(), deadline, call);
     if (!aside.ok()) return aside.status();
     auto response = (client_.*method)(request, Until(deadline, call));
-    if (aside->empty() || !IsNotRegistered(response.status())) return response;
+    const bool is_missing = !aside->empty() && IsNotRegistered(response.status());
+    if (!aside->empty()) Note(is_missing);
+    if (!is_missing) return response;
     Forget();
     restore(*aside);
   }

@@ -7,6 +7,10 @@
 // the map by its id, which makes them twenty times smaller on real scenes. When the server no
 // longer has a map, it is registered again and the request is repeated. A map that the server
 // refuses, or cannot hold, travels with the request, as without MapReuse.
+//
+// Behind a balancer each call may reach another server, and each server has the maps that were
+// registered with it. While servers without a map keep turning up, it is registered again and again
+// until all have it. A request is answered meanwhile, too; it only takes more calls.
 
 #ifndef MANEUVER_CLIENT_MAP_REUSE_H_
 #define MANEUVER_CLIENT_MAP_REUSE_H_
@@ -14,6 +18,8 @@
 #include <cstddef>
 #include <list>
 #include <memory>
+#include <random>
+#include <string>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
@@ -73,8 +79,14 @@ class MapReuse {
                                 Request request, const CallOptions& call);
 
   Client& client_;
+  // Learns from a call whether servers without a map keep turning up.
+  void Note(bool was_missing);
+
   const size_t max_maps_;
   Mutex mutex_;
+  int found_ ABSL_GUARDED_BY(mutex_) = 1'000;     // calls since a map was last missing
+  bool spreads_ ABSL_GUARDED_BY(mutex_) = false;  // whether maps go missing again and again
+  std::minstd_rand random_ ABSL_GUARDED_BY(mutex_);
   std::list<KnownMap> known_ ABSL_GUARDED_BY(mutex_);  // most recently used first
 };
 

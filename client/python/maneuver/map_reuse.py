@@ -8,12 +8,17 @@ A scene's map is registered with the server when it is seen for the first time. 
 requests name the map by its id, which is twenty times smaller on real scenes. When the server does
 not hold a map any more it is registered again, and the request repeated. A map that cannot be
 registered is sent along as if MapReuse were not there.
+
+Behind a balancer each call may reach another server, and each server has the maps that were
+registered with it. While servers without a map keep turning up, it is registered again and again
+until all have it. A request is answered meanwhile, too; it only takes more calls.
 """
 
 from __future__ import annotations
 
 import collections
 import hashlib
+import random
 import threading
 from typing import Dict, List, Optional, Sequence, TypeVar
 
@@ -24,6 +29,9 @@ from maneuver.errors import (FailedPreconditionError, InvalidArgumentError, Mane
 from maneuver.predictor import PredictionRequest, Predictor
 
 _Response = TypeVar("_Response")
+
+# Once no map was missing for so many calls, every server has them.
+_CALLS_TO_TRUST = 64
 
 
 def _cannot_be_held(error: ManeuverError) -> bool:
@@ -44,6 +52,9 @@ class MapReuse(Predictor):
         self._lock = threading.Lock()  # guards what follows
         # Digest of the features -> id on the server; the one used last is at the end.
         self._known: "collections.OrderedDict[bytes, str]" = collections.OrderedDict()
+        self._found = _CALLS_TO_TRUST  # calls since a map was last missing
+        self._spreads = False  # whether maps go missing again and again
+        self._random = random.Random(1)
 
     def forget(self) -> None:
         """Has every map registered again before it is named the next time."""
@@ -63,16 +74,30 @@ class MapReuse(Predictor):
         for _ in range(2):  # the second time every map is registered anew
             aside = self._set_aside(request.scenarios, deadline)
             try:
-                return self._client.ask_until(method, request, deadline, response)
+                answer = self._client.ask_until(method, request, deadline, response)
+                if aside:
+                    self._note(was_missing=False)
+                return answer
             except FailedPreconditionError as error:
                 if not aside or error.reason != "MAP_NOT_REGISTERED":
                     raise
+            self._note(was_missing=True)
             self.forget()
             for index, features in aside.items():
                 request.scenarios[index].map_id = ""
                 request.scenarios[index].map_features.extend(features)
         # The server has no room for all of them at once.
         return self._client.ask_until(method, request, deadline, response)
+
+    def _note(self, was_missing: bool) -> None:
+        """Learns from a call whether servers without a map keep turning up."""
+        with self._lock:
+            # The first time it was lost by a server that was started again.
+            if was_missing:
+                self._spreads = self._found < _CALLS_TO_TRUST
+            self._found = 0 if was_missing else min(self._found + 1, _CALLS_TO_TRUST)
+            if self._found == _CALLS_TO_TRUST:
+                self._spreads = False
 
     def _set_aside(self, scenes: Sequence[v1.Scenario],
                    deadline: float) -> Dict[int, List[v1.MapFeature]]:
@@ -95,12 +120,15 @@ class MapReuse(Predictor):
         digest = hashlib.sha256(request.SerializeToString(deterministic=True)).digest()
         with self._lock:
             known = self._known.get(digest)
-            if known is not None:
+            # By chance: a balancer that takes turns would always pass over the same server.
+            spreads = self._spreads and self._random.random() < 0.5
+            if known is not None and not spreads:
                 self._known.move_to_end(digest)
                 return known
         try:
-            map_id = self._client.ask_until("RegisterMap", request, deadline,
-                                            v1.RegisterMapResponse).map_id
+            for _ in range(2 if spreads and known is None else 1):
+                map_id = self._client.ask_until("RegisterMap", request, deadline,
+                                                v1.RegisterMapResponse).map_id
         except ManeuverError as error:
             if _cannot_be_held(error):
                 return ""

@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 
 #include <list>
+#include <set>
+#include <string>
 #include <thread>
 #include <vector>
 
@@ -190,6 +192,38 @@ TEST_F(MapReuseTest, NamesMapsForStreams) {
   request = Request({5.0});
   EXPECT_FALSE(maps.NameMaps(request.mutable_scenarios()).ok());
   EXPECT_EQ(request.scenarios(0).map_features(0).x(0), 5.0);
+}
+
+// Each call reaches the next of several servers, which have maps of their own.
+TEST_F(MapReuseTest, EveryServerBehindABalancerSoonHasTheMap) {
+  for (const size_t servers : {2, 3, 5, 7}) {
+    std::vector<std::set<std::string>> held(servers);
+    size_t calls = 0;
+    int missing = 0;
+    int whole = 0;
+    server_.on_register_map = [&](const v1::RegisterMapRequest& request,
+                                  v1::RegisterMapResponse* response) {
+      response->set_map_id(std::to_string(request.map_features(0).x(0)));
+      held[calls++ % servers].insert(response->map_id());
+      return grpc::Status::OK;
+    };
+    server_.on_predict = [&](auto*, const v1::PredictRequest& request, v1::PredictResponse*) {
+      const std::set<std::string>& here = held[calls++ % servers];
+      const std::string& map = request.scenarios(0).map_id();
+      if (map.empty()) {
+        ++whole;
+      } else if (!here.contains(map)) {
+        ++missing;
+        return NotRegistered();
+      }
+      return grpc::Status::OK;
+    };
+    MapReuse maps(*client_);
+    for (int i = 0; i < 200; ++i) ASSERT_TRUE(maps.Predict(Request({5.0})).ok());
+    missing = whole = 0;
+    for (int i = 0; i < 20; ++i) ASSERT_TRUE(maps.Predict(Request({5.0})).ok());
+    EXPECT_EQ(missing + whole, 0) << servers << " servers";
+  }
 }
 
 TEST_F(MapReuseTest, ManyThreadsShareTheirMaps) {
