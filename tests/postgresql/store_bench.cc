@@ -3,10 +3,15 @@
 //
 //   cmake --build --preset release --target store_bench && build/release/tests/store_bench
 
+#include <stdlib.h>
+
 #include <algorithm>
+#include <cerrno>
 #include <chrono>
+#include <filesystem>
 #include <functional>
 #include <iostream>
+#include <memory>
 #include <string>
 #include <thread>
 #include <vector>
@@ -20,7 +25,6 @@
 #include "server/jobs/postgresql_store.h"
 #include "tests/postgresql/cluster.h"
 #include "tests/unit/model/data/recordings_for_tests.h"
-#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::postgresql {
 namespace {
@@ -166,8 +170,9 @@ void Run() {
   Measure("how far 200 watched jobs are", kCalls,
           [&](int) { Check("positions", store.ListPositions(watched).status()); });
 
-  const TemporaryFolder folder;
-  const auto datasets = data::DatasetStore::Open(folder.path());
+  std::string folder = (std::filesystem::temp_directory_path() / "maneuver-bench-XXXXXX").string();
+  if (mkdtemp(folder.data()) == nullptr) Fail("folder", absl::ErrnoToStatus(errno, folder));
+  const auto datasets = data::DatasetStore::Open(folder);
   if (!datasets.ok()) Fail("datasets", datasets.status());
   for (int i = 0; i < kDatasets; ++i) {
     auto writer =
@@ -185,6 +190,7 @@ void Run() {
   });
   stop.Stop();
   for (std::thread& other : others) other.join();
+  std::filesystem::remove_all(folder);
 }
 
 }  // namespace
