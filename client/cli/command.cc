@@ -261,6 +261,10 @@ int CommandLine::Run(std::vector<std::string> arguments, std::ostream& out, std:
   std::reverse(arguments.begin(), arguments.end());  // as CLI11 takes them
   try {
     app_->parse(std::move(arguments));
+  } catch (const CLI::CallForHelp& help) {
+    if (UnknownCommand(app_.get()).empty()) return app_->exit(help, out, err);
+    app_->exit(CLI::ExtrasError(app_->remaining(/*recurse=*/true)), out, err);
+    return kUsage;
   } catch (const CLI::ParseError& error) {
     return app_->exit(error, out, err) == 0 ? kOk : kUsage;
   }

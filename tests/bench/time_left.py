@@ -76,7 +76,7 @@ def show(way, reports, begin, end, every):
     for report in reports:
         at = seconds_of(report["time"])
         passed, real = (at - begin) / whole, end - at
-        if passed < 0.1 or real <= 0:
+        if passed < 0.1 or real <= 0 or report["fraction"] == 1:  # a job that has ended tells none
             continue
         told = float(report["timeLeft"].rstrip("s")) if report.get("timeLeft") else None
         ratio = told / real if told is not None else None

@@ -298,6 +298,18 @@ TEST(CommandErrorsTest, HelpIsAlsoACommand) {
   EXPECT_EQ(one.out, Maneuver({"model", "list", "--help"}).out);
 }
 
+TEST(CommandErrorsTest, HelpNamesTheUnknownCommand) {
+  for (const std::vector<std::string>& arguments : std::vector<std::vector<std::string>>{
+           {"help", "model", "lits"}, {"model", "lits", "--help"}}) {
+    const Result unknown = Maneuver(arguments);
+    EXPECT_EQ(unknown.status, kUsage);
+    EXPECT_THAT(unknown.out, IsEmpty());
+    EXPECT_EQ(
+        unknown.err,
+        "maneuver model has no command lits; did you mean list?\nTry: maneuver model --help\n");
+  }
+}
+
 // {"error": {...}} of one line.
 google::protobuf::Struct ErrorOf(const std::string& line) {
   google::protobuf::Struct parsed;
