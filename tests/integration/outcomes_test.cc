@@ -145,12 +145,14 @@ TEST_F(OutcomesTest, KeptAnswersAreScoredOnce) {
   EXPECT_EQ(ValueOf(MetricsPage(server()), "maneuver_outcome_kept_answers"), 0.0);
 }
 
-// Each target of the recordings at their prediction times.
+constexpr double kHorizon = 4.0;  // of the model, seconds
+
+// Each target of the recordings, at their prediction times, that is there to the horizon.
 std::vector<v1::ReportOutcomesRequest> ReportsOf(const std::vector<v1::Scenario>& recordings) {
   std::vector<v1::ReportOutcomesRequest> reports;
   for (const v1::Scenario& recording : recordings) {
     for (const int64_t id : recording.target_ids()) {
-      v1::ReportOutcomesRequest& report = reports.emplace_back();
+      v1::ReportOutcomesRequest report;
       report.set_model("models/tiny");
       v1::Outcome& outcome = *report.add_outcomes();
       *outcome.mutable_scenario() = recording;
@@ -162,17 +164,21 @@ std::vector<v1::ReportOutcomesRequest> ReportsOf(const std::vector<v1::Scenario>
           if (state.time() > recording.prediction_time() + 1e-6) *target.add_states() = state;
         }
       }
+      const double end = target.states().empty() ? 0.0 : target.states().rbegin()->time();
+      if (end > recording.prediction_time() + kHorizon - 1e-6) reports.push_back(std::move(report));
     }
   }
   return reports;
 }
 
-// Returns whether the outcome was scored and its report acknowledged.
-bool Acknowledged(v1::OutcomeService::Stub& stub, const v1::ReportOutcomesRequest& report) {
+// Returns why the outcome was not scored or its report not acknowledged; empty if both happened.
+std::string Refusal(v1::OutcomeService::Stub& stub, const v1::ReportOutcomesRequest& report) {
   grpc::ClientContext context;
   v1::ReportOutcomesResponse response;
-  return stub.ReportOutcomes(&context, report, &response).ok() && !response.scores(0).has_error() &&
-         !response.scores(0).targets(0).has_error();
+  const grpc::Status status = stub.ReportOutcomes(&context, report, &response);
+  if (!status.ok()) return "refused: " + status.error_message();
+  const v1::OutcomeScore& scores = response.scores(0);
+  return scores.has_error() ? scores.error().message() : scores.targets(0).error().message();
 }
 
 TEST_F(OutcomesTest, AServerThatIsKilledHasEachAcknowledgedOutcomeOnce) {
@@ -196,7 +202,7 @@ TEST_F(OutcomesTest, AServerThatIsKilledHasEachAcknowledgedOutcomeOnce) {
     const auto stub = v1::OutcomeService::NewStub(server().channel());
     std::jthread fleet([&] {
       for (const v1::ReportOutcomesRequest& report : reports) {
-        if (!Acknowledged(*stub, report)) break;
+        if (!Refusal(*stub, report).empty()) break;
         ++acknowledged;
       }
       broken = true;
@@ -211,7 +217,7 @@ TEST_F(OutcomesTest, AServerThatIsKilledHasEachAcknowledgedOutcomeOnce) {
   // The fleet does not know which report arrived last, and repeats all of them.
   const auto stub = v1::OutcomeService::NewStub(server().channel());
   for (const v1::ReportOutcomesRequest& report : reports) {
-    EXPECT_TRUE(Acknowledged(*stub, report));
+    EXPECT_EQ(Refusal(*stub, report), "");
   }
   EXPECT_EQ(collected().size(), reports.size());
   EXPECT_EQ(

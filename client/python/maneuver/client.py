@@ -180,7 +180,7 @@ class Client(Predictor):
 
     def list_replicas(self, *, timeout: Optional[float] = None) -> Sequence[v1.Replica]:
         """Returns the servers that share a store, with the versions that each has loaded."""
-        answer = self._manage(
+        answer: v1.ListReplicasResponse = self._manage(
             v1.ListReplicasResponse, self._connection.replicas.ListReplicas,
             v1.ListReplicasRequest(), timeout)
         return answer.replicas

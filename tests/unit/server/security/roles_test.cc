@@ -11,6 +11,7 @@
 #include "maneuver/v1/model_service.pb.h"
 #include "maneuver/v1/outcome_service.pb.h"
 #include "maneuver/v1/prediction_service.pb.h"
+#include "maneuver/v1/replica_service.pb.h"
 #include "maneuver/v1/tag_service.pb.h"
 #include "maneuver/v1/training_service.pb.h"
 
@@ -23,7 +24,7 @@ std::set<std::string> MethodsOfTheContract() {
        {v1::PredictRequest::descriptor()->file(), v1::ActionSet::descriptor()->file(),
         v1::UploadHeader::descriptor()->file(), v1::Job::descriptor()->file(),
         v1::Tags::descriptor()->file(), v1::GetLogLevelRequest::descriptor()->file(),
-        v1::ReportOutcomesRequest::descriptor()->file()}) {
+        v1::ReportOutcomesRequest::descriptor()->file(), v1::Replica::descriptor()->file()}) {
     for (int s = 0; s < file->service_count(); ++s) {
       const auto* service = file->service(s);
       for (int m = 0; m < service->method_count(); ++m) {
