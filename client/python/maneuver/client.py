@@ -180,10 +180,10 @@ class Client(Predictor):
 
     def list_replicas(self, *, timeout: Optional[float] = None) -> Sequence[v1.Replica]:
         """Returns the servers that share a store, with the versions that each has loaded."""
-        answer: v1.ListReplicasResponse = self._manage(
+        answer = self._manage(
             v1.ListReplicasResponse, self._connection.replicas.ListReplicas,
             v1.ListReplicasRequest(), timeout)
-        return answer.replicas
+        return list(answer.replicas)
 
     def delete_model_version(self, name: str, *, timeout: Optional[float] = None) -> None:
         """Removes a version. Refused while an alias points to it."""
