@@ -27,6 +27,7 @@ bool ComesBefore(const std::string& a, const std::string& b) {
 // The `most` names with the most windows.
 std::vector<std::string> Largest(const std::map<std::string, int64_t>& windows, size_t most) {
   std::vector<std::string> names;
+  names.reserve(windows.size());
   for (const auto& [name, count] : windows) names.push_back(name);
   std::ranges::stable_sort(names, std::greater(),
                            [&](const std::string& name) { return windows.at(name); });
