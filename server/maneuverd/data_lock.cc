@@ -15,8 +15,8 @@
 namespace maneuver {
 namespace {
 
-// A server that was killed while it started a job leaves a child behind, which holds the lock until it is
-// gone, too. Jobs have the lowest priority, so that may take a moment.
+// A server that was killed while it started a job leaves a child behind, which holds the lock until
+// it is gone, too. Jobs have the lowest priority, so that may take a moment.
 constexpr std::chrono::seconds kLockPatience{5};
 
 bool Lock(int descriptor, int kind) {

@@ -19,8 +19,8 @@ constexpr std::chrono::milliseconds kInterval{20};
 constexpr std::chrono::seconds kBetweenFreeing{1};
 constexpr std::chrono::milliseconds kRetryDelay{200};
 
-// Resident pages that belong to no file: what a control group counts and cannot drop. /proc/self/statm
-// is "size resident shared ...", in pages; shared ones belong to files.
+// Resident pages that belong to no file: what a control group counts and cannot drop.
+// /proc/self/statm is "size resident shared ...", in pages; shared ones belong to files.
 int64_t AnonymousBytes() {
   char text[128];
   const int file = open("/proc/self/statm", O_RDONLY | O_CLOEXEC);
@@ -72,6 +72,7 @@ absl::Status MemoryBudget::Admit() {
 
 void MemoryBudget::Look() {
   if (limit_ <= 0) return;
+  const MutexLock lock(looking_);
   const double most = kAdmitted * static_cast<double>(limit_);
   auto used = static_cast<double>(used_());
   const auto now = std::chrono::steady_clock::now();

@@ -11,7 +11,9 @@
 #include <functional>
 #include <thread>
 
+#include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
+#include "locks/mutex.h"
 #include "locks/stop_latch.h"
 #include "server/monitoring/metrics.h"
 
@@ -37,7 +39,7 @@ class MemoryBudget {
   absl::Status Admit();
 
   // Looks at the memory now. If it is full, frees what is unused, at most once a second, and looks
-  // again. Not to be called from several threads at once.
+  // again.
   void Look();
 
  private:
@@ -49,7 +51,8 @@ class MemoryBudget {
   monitoring::Gauge* used_gauge_ = nullptr;
   monitoring::Counter* refusals_ = nullptr;
   std::atomic<bool> is_full_ = false;
-  std::chrono::steady_clock::time_point may_free_from_{};
+  Mutex looking_;
+  std::chrono::steady_clock::time_point may_free_from_ ABSL_GUARDED_BY(looking_){};
   StopLatch stop_;
   std::thread thread_;
 };
