@@ -95,6 +95,7 @@ def main():
     summary = top.description[0] if top.description else name
     summary = re.split(r": |\. ", re.sub(rf"^{re.escape(name)}: ", "", summary))[0].rstrip(".")
     page = [f'.TH "{name.upper()}" "{options.section}" "" "Maneuver {version.split()[-1]}" "Maneuver"',
+            ".ad l",  # long words, such as a list of choices, cannot be spread over a line
             ".SH NAME", f"{escaped(name)} \\- {escaped(summary[0].lower() + summary[1:])}",
             ".SH SYNOPSIS", ".B " + escaped(top.usage), ".SH DESCRIPTION", *paragraphs(top.description)]
     if top.sections.get("Options"):

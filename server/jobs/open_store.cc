@@ -59,9 +59,11 @@ absl::StatusOr<std::unique_ptr<Store>> OpenStore(const fs::path& data_dir,
 }
 
 absl::StatusOr<std::string> StoreIdOf(const fs::path& data_dir) {
-  std::error_code ignored;
-  if (!fs::exists(data_dir / kStoreId, ignored)) return std::string();
-  const auto text = files::ReadFile(data_dir / kStoreId);
+  auto text = files::ReadFile(data_dir / kStoreId);
+  // Servers that start at once all write it, and some file systems of several machines lose sight
+  // of a file while it is replaced.
+  if (absl::IsNotFound(text.status())) text = files::ReadFile(data_dir / kStoreId);
+  if (absl::IsNotFound(text.status())) return std::string();
   if (!text.ok()) return text.status();
   return std::string(absl::StripAsciiWhitespace(*text));
 }

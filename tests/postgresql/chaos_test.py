@@ -286,14 +286,15 @@ def check_promises(fleet, callers, weights):
     check(not (set(jobs) - set(callers.trainings) - {callers.calm}), "there are jobs that nobody asked for")
     interrupted = Moves(fleet.cluster, MOVES | DELETED).counts["RUNNING", "PENDING"]
 
-    def listed(model):
-        names = [version.name for version in client.list_model_versions()]
+    def listed(server, model):
+        names = [version.name for version in fleet.client(server.address).list_model_versions()]
         return {name.rsplit("/", 1)[1] for name in names if name.startswith(f"{model}/")}
 
     for model in {f"models/m{i}" for i in range(3)}:
-        # A server learns within seconds of a version that another one has published.
-        wait_for(lambda: made[model] <= listed(model), f"{model}: listed {listed(model)}, made {made[model]}")
-        check(listed(model) == made[model], f"{model}: listed {listed(model)}, made {made[model]}")
+        for server in fleet.servers:
+            # A server learns within seconds of a version that another one has published.
+            wait_for(lambda: made[model] <= listed(server, model), f"{server.name} lists {made[model]} of {model}")
+            check(listed(server, model) == made[model], f"{model}: {listed(server, model)}, made {made[model]}")
         check(versions_on_disk(fleet, model) == made[model], f"{model}: {versions_on_disk(fleet, model)} on disk")
     datasets = {dataset.name: dataset for dataset in client.list_datasets()}
     for name in callers.uploads:
