@@ -17,7 +17,7 @@ constexpr double kAdmitted = 0.8;  // of the limit
 constexpr std::chrono::milliseconds kInterval{20};
 // It holds up every thread that allocates.
 constexpr std::chrono::seconds kBetweenFreeing{1};
-constexpr std::chrono::milliseconds kRetryDelay{200};
+constexpr std::chrono::milliseconds kDelayWhenFull{200};
 
 // Resident pages that belong to no file: what a control group counts and cannot drop.
 // /proc/self/statm is "size resident shared ...", in pages; shared ones belong to files.
@@ -67,7 +67,7 @@ absl::Status MemoryBudget::Admit() {
       errors::WithReason(absl::ResourceExhaustedError(
                              "the server's memory is nearly full; try again a little later"),
                          "MEMORY_FULL"),
-      kRetryDelay);
+      kDelayWhenFull);
 }
 
 void MemoryBudget::Look() {
