@@ -86,7 +86,7 @@ class UploadStaging {
                         const std::function<absl::Status(const Others&)>& refuse);
   // Returns false if a call of another server has announced the slot since.
   bool HasTurn(const Slot& slot);
-  // Counts `bytes` of those that the slot announced as missing as being on the disk now.
+  // Records that `bytes` of the announced missing ones are on the disk now.
   void Arrived(Slot& slot, uint64_t bytes);
   // Ends the announcement. Call it when no call sends the upload any more.
   void End(Slot& slot);

@@ -91,7 +91,7 @@ class Server {
 
   const security::ListenAddress address_;
   const std::vector<std::string> names_;    // of the services
-  const std::vector<std::string> refused_;  // of those that answer no call
+  const std::vector<std::string> refused_;  // services that refuse every call
   // The states that grpc.health.v1 was told; gRPC does not return them.
   std::atomic<bool> predictions_ready_ = false;
   std::atomic<bool> health_turned_ = false;

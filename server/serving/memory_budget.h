@@ -57,8 +57,8 @@ class MemoryBudget {
   std::thread thread_;
 };
 
-// Returns the largest part of `configured` bytes that a buffer may have under a limit, of which it
-// gets one part in `parts`; `configured` if there is no limit.
+// Returns how many bytes a buffer may have: `configured`, but under a limit at most one part in
+// `parts` of it.
 int64_t ShareOf(int64_t limit, int parts, int64_t configured);
 
 }  // namespace maneuver::serving

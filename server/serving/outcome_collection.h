@@ -42,7 +42,7 @@ class OutcomeCollection {
   static absl::StatusOr<std::unique_ptr<OutcomeCollection>> Open(
       std::filesystem::path folder, int64_t max_bytes, monitoring::MetricRegistry& metrics);
 
-  // Adds outcomes. Once it returns OK, each is on disk, or is one of those that the bound excludes.
+  // Adds outcomes. Once it returns OK, each is on disk unless the bound leaves no room for it.
   // Adding an outcome again changes nothing. An outcome of more than a quarter of the bound is not
   // kept. After an error some may have been added.
   absl::Status Add(const std::vector<CollectedOutcome>& outcomes);

@@ -611,7 +611,7 @@ class Run:
         self.check()
 
     def keep(self):
-        """Keeps the data folder and the log for whoever looks into a violation."""
+        """Keeps the data folder and the log so that a violation can be examined."""
         if self.options.keep is not None:
             self.server.stop(kill=True)
             shutil.copytree(self.server.data, self.options.keep / "data")

@@ -34,7 +34,7 @@ Place CarPark(Random& random);
 
 // Returns one of the above, crossings more often than others, with conflicts found and sources
 // added.
-//   layouts: names of those that may be drawn; empty: all
+//   layouts: names of the layouts to draw from; empty: all
 Place DrawPlace(Random& random, const std::vector<std::string>& layouts = {});
 inline constexpr int kLayoutCount = 10;
 // Returns the names of all layouts: "roundabout", ...
