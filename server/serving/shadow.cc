@@ -22,8 +22,6 @@ using std::chrono::nanoseconds;
 constexpr auto kBetweenLooks = std::chrono::milliseconds(1);
 // Versions are let go of when they were not compared for so long.
 constexpr auto kForgets = std::chrono::seconds(10);
-// How often Offer tries to get in before it drops.
-constexpr int kTries = 16;
 
 // FNV-1a over 8 bytes at a time, then the finalizer of MurmurHash3, so that all bits count.
 class RequestHash {
@@ -171,7 +169,7 @@ void Shadow::Offer(const PredictionCall& call, std::vector<TargetAnswer> answers
 
 size_t Shadow::Push(AnsweredRequest& request) {
   // The shadow's thread may be made to wait while it holds the lock: then nobody waits for it.
-  for (int i = 0; i < kTries; ++i) {
+  for (int i = 0; i < options_.max_tries; ++i) {
     if (i > 0) std::this_thread::yield();
     if (!mutex_.TryLock()) continue;
     const size_t taken = PushLocked(request);

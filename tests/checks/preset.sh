@@ -38,7 +38,7 @@ export TSAN_OPTIONS=ignore_noninstrumented_modules=1 UBSAN_OPTIONS=print_stacktr
 run() {
   local log=build/checks/$1-$2.log
   timeout 600 "build/$1/tests/$2_test" --gtest_brief=1 >"$log" 2>&1 && return
-  tail -n 60 "$log" >&2
+  grep -v '^20..-..-..T' "$log" | tail -n 60 >&2  # without the servers' log lines
   echo "preset: $2_test failed with $1; all that it said is in $log" >&2
   return 1
 }
