@@ -31,7 +31,8 @@ namespace maneuver::jobs {
 // calls fail at once.
 class PostgresqlSession {
  public:
-  // FAILED_PRECONDITION if the tables are not of the latest version.
+  // Connects. FAILED_PRECONDITION if this release cannot use the tables (CheckSchema). UNAVAILABLE
+  // if another server keeps the store for kPatienceForPredecessor.
   static absl::StatusOr<std::unique_ptr<PostgresqlSession>> Open(
       const std::string& address, StoreUse use, monitoring::MetricRegistry& metrics);
 

@@ -27,7 +27,7 @@ class PollHeartbeat {
   PollHeartbeat& operator=(const PollHeartbeat&) = delete;
   ~PollHeartbeat();
 
-  // Waits until gRPC's threads have seen `count` more beats.
+  // Waits until gRPC's threads have seen `count` beats since construction.
   void AwaitBeats(int count);
   // Returns when gRPC's threads saw the last beat; at first, the time of construction. If that is
   // many intervals ago, the threads are stuck.
