@@ -59,8 +59,8 @@ absl::Status CopyRows(sqlite3* source, PostgresqlConnection& target) {
             " request_digest, job, device, ranks, memory)"
             " VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11)",
             {row.Int(0), row.Bytes(1), row.Int(2), row.Int(3), row.Int(4), BytesOrNull(row, 5),
-             SqlValue::Bytes(row.Bytes(6)), SqlValue::Bytes(row.Bytes(7)), needs.device, needs.ranks,
-             needs.memory_bytes});
+             SqlValue::Bytes(row.Bytes(6)), SqlValue::Bytes(row.Bytes(7)), needs.device,
+             needs.ranks, needs.memory_bytes});
       });
   if (!status.ok()) return status;
   status = ForEachRow(
