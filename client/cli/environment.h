@@ -46,7 +46,7 @@ class Environment {
   std::string time_limit = "--timeout SECONDS";
   bool verbose = false;
   bool quiet = false;
-  std::string progress = "auto";
+  std::string progress = "auto";  // or json, none
 
   // Applies the options, such as --quiet. Call once they are set.
   void TakeOptions();

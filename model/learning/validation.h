@@ -31,7 +31,7 @@ class TermMeans {
   // Writes the mean of each quantity.
   void Write(google::protobuf::Map<std::string, double>* means) const;
   using StoredSums = google::protobuf::Map<std::string, StoredMean>;
-  // Store writes the sums to a checkpoint or a note; Add adds what Store wrote.
+  // Writes the sums, for a checkpoint or for the other ranks. Add adds what Store wrote.
   void Store(StoredSums* sums) const;
   void Add(const StoredSums& sums);
 

@@ -19,8 +19,8 @@
 
 namespace maneuver::jobs {
 
-// Uses the store alone, or shares it. PostgreSQL holds a lock for the session, so every statement
-// runs while no other server uses the store in a way that this use forbids.
+// Uses the store alone, or shares it with other servers that do. PostgreSQL holds a lock for the
+// session. So no statement runs while another server uses the store in a way that this use forbids.
 //
 // If the connection is lost, the next call connects again and takes the lock again, but only once
 // PostgreSQL has ended the old connection, whose statements could otherwise still arrive. If

@@ -20,8 +20,8 @@ namespace maneuver::rpc {
 
 class PollHeartbeat {
  public:
-  // Starts beating. The default is less than a third of a second: there are two or more such
-  // threads, and it is enough if one of them received the last beats.
+  // Starts beating. A beat keeps one of the threads awake for a second. That is enough, although
+  // the others may pause.
   explicit PollHeartbeat(std::chrono::milliseconds interval = std::chrono::milliseconds(300));
   PollHeartbeat(const PollHeartbeat&) = delete;
   PollHeartbeat& operator=(const PollHeartbeat&) = delete;
