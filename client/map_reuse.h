@@ -78,10 +78,10 @@ class MapReuse {
                                                                            const CallOptions&),
                                 Request request, const CallOptions& call);
 
-  Client& client_;
   // Learns from a call whether servers without a map keep turning up.
   void Note(bool was_missing);
 
+  Client& client_;
   const size_t max_maps_;
   Mutex mutex_;
   int found_ ABSL_GUARDED_BY(mutex_) = 1'000;     // calls since a map was last missing

@@ -28,7 +28,7 @@ done
 [ ${#positional[@]} -eq 2 ] || { usage >&2; exit 2; }
 backup=${positional[0]%/}
 data=${positional[1]%/}
-[ -f "$backup/SHA256SUMS" ] || refuse "$backup is no back-up: it has no SHA256SUMS"
+[ -f "$backup/SHA256SUMS" ] || refuse "$backup is not a back-up: it has no SHA256SUMS"
 [ ! -e "$data" ] || [ -z "$(ls -A "$data")" ] || refuse "$data is not empty; restore to a new folder"
 if [ -f "$backup/maneuver.dump" ]; then
   [ -n "$store" ] || refuse "jobs and aliases of $backup were in PostgreSQL; name an empty database with --store"

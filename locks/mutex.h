@@ -71,7 +71,7 @@ class CondVar {
     Borrowed lock(mutex.mutex_);
     changed_.wait(lock);
   }
-  // Returns false if the time is over.
+  // Return false if the time is over.
   template <typename Clock, typename Duration>
   bool WaitUntil(Mutex& mutex, std::chrono::time_point<Clock, Duration> end)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex) {

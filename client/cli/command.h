@@ -101,8 +101,9 @@ class CommandLine {
   void BeforeCommand(std::function<void()> prepare) { prepare_ = std::move(prepare); }
   // Returns all commands and their options.
   CommandEntry Describe() const;
-  // Parses the arguments (without the program's name) and runs the command that they name. Help and
-  // version go to `out`, usage errors to `err`. `help COMMAND` does what `COMMAND --help` does.
+  // Parses the arguments (without the program's name) and runs the command that they name. Returns
+  // its ExitCode. Help and version go to `out`, usage errors to `err`. `help COMMAND` does what
+  // `COMMAND --help` does.
   int Run(std::vector<std::string> arguments, std::ostream& out, std::ostream& err);
 
  private:

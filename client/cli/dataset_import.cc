@@ -9,6 +9,7 @@
 #include <map>
 #include <memory>
 #include <ostream>
+#include <semaphore>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -38,7 +39,9 @@ class Import final : public ImportSink {
         writer_(writer),
         environment_(environment),
         progress_(environment.errors, environment.progress_form()),
-        ahead_(2 * static_cast<size_t>(arguments.threads.value_or(machine::UsableCores()))) {}
+        threads_(arguments.threads.value_or(machine::UsableCores())),
+        ahead_(2 * static_cast<size_t>(threads_)),
+        free_threads_(static_cast<std::ptrdiff_t>(threads_)) {}
 
   absl::StatusOr<v1::Dataset> Run(const std::vector<ImportFile>& files) {
     for (const ImportFile& file : files) total_bytes_ += file.bytes;
@@ -122,8 +125,10 @@ class Import final : public ImportSink {
     Pending& pending = parsing_.emplace_back();
     pending.place = std::move(recording.place);
     pending.end = recording.end;
-    pending.parsed = std::async(std::launch::async, [parse = std::move(recording.parse)] {
+    pending.parsed = std::async(std::launch::async, [this, parse = std::move(recording.parse)] {
+      free_threads_.acquire();
       Parsed parsed{parse(), ""};
+      free_threads_.release();
       if (!parsed.scenario.ok()) return parsed;
       const auto violations = scene::ValidateScenario(*parsed.scenario, scene::ScenarioLimits());
       if (!violations.empty()) {
@@ -181,7 +186,9 @@ class Import final : public ImportSink {
   data::DatasetWriter& writer_;
   Environment& environment_;
   ProgressLine progress_;
-  const size_t ahead_;  // recordings that are parsed while one is written
+  const int64_t threads_;  // that parse at once
+  const size_t ahead_;     // recordings that are parsed, or wait to be, while one is written
+  std::counting_semaphore<> free_threads_;
   std::deque<Pending> parsing_;
   const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
   double total_bytes_ = 0.0;

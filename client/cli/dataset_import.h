@@ -75,9 +75,9 @@ absl::StatusOr<std::vector<ImportFile>> FindFiles(const std::vector<std::string>
 // Adds the arguments and options to a command. `what` says in its help which files it reads.
 void AddImportOptions(Command& command, ImportArguments& arguments, const std::string& what);
 
-// Reads one recording after the other, and parses and checks them on all cores. Memory is limited
-// to a few recordings for each core. Writes the dataset in the order of the files. Prints what was
-// left out; the exit status is then kFailed.
+// Reads one recording after the other, and parses `threads` of them at once (by default one for
+// each core). Holds at most a few recordings for each thread in memory. Writes the dataset in the
+// order of the files. Prints what was left out; the exit status is then kFailed.
 int RunImport(const ImportArguments& arguments, const ImportFormat& format,
               Environment& environment);
 

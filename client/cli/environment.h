@@ -46,7 +46,7 @@ class Environment {
   std::string time_limit = "--timeout SECONDS";
   bool verbose = false;
   bool quiet = false;
-  std::string progress = "auto";
+  std::string progress = "auto";  // or json, none
 
   // Applies the options, such as --quiet. Call once they are set.
   void TakeOptions();
@@ -75,8 +75,8 @@ class Environment {
   int Refuse(const std::string& message);
   // Returns what Fail says: the message, what to do, then each wrong field on its own line.
   std::string Explain(const absl::Status& status) const;
-  // Returns whether all answers could be written to `out`. If not, says so on `errors`, unless the
-  // reader has closed the pipe, as head does.
+  // Returns whether all answers could be written to `out`. If not, says so on `errors`. A pipe that
+  // its reader has closed, as head does, is no failure.
   bool Flush();
 
  private:

@@ -1,4 +1,4 @@
-// What shares of found rows look like as a picture.
+// Turns the shares of found rows into a picture.
 
 #ifndef MANEUVER_CLIENT_CLI_FOUND_SHARES_H_
 #define MANEUVER_CLIENT_CLI_FOUND_SHARES_H_

@@ -25,9 +25,10 @@ std::string ProgressText(const v1::JobProgress& progress, const v1::EpochReport&
 // none.
 std::string HeldOutText(const v1::ModelManifest& manifest, bool color);
 
-// Follows a job until it ends, and shows its progress on err: a bar on a terminal, otherwise a line
-// for each epoch. Then prints its result. Ctrl-C stops watching but not the job, and says how to
-// continue watching. Returns kOk if the job succeeded or was left running, else kFailed.
+// Follows a job until it ends, and shows its progress as --progress says: by default a bar on a
+// terminal, otherwise a line for each epoch. Then prints its result. Ctrl-C stops watching but not
+// the job, and says how to continue watching. Returns kOk if the job succeeded or was left running,
+// else kFailed.
 int WatchToEnd(const std::string& job, Environment& environment);
 
 // Says why no server can run a new job now, if none can.

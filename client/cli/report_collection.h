@@ -34,8 +34,8 @@ absl::StatusOr<report::ReportData> CollectVersion(const std::string& model,
                                                   Environment& environment);
 
 // Gathers the same for the version that a job trained or measured. For a training without a version
-// (yet), gathers its curves. INVALID_ARGUMENT for a cross-validation; FAILED_PRECONDITION for an
-// evaluation that has measured nothing.
+// (yet), gathers its curves. INVALID_ARGUMENT for a cross-validation or a tagging;
+// FAILED_PRECONDITION for an evaluation that has measured nothing.
 absl::StatusOr<report::ReportData> CollectJob(const v1::Job& job, Environment& environment);
 
 }  // namespace maneuver::cli

@@ -20,9 +20,9 @@ struct SceneSource {
 };
 
 // Asks a version about at most twelve examples of each of at most 24 recordings, spread evenly over
-// the dataset (its first 2,000 recordings). Returns the 24 examples that report::ChooseScenes
-// picks. Skips recordings that cannot be read or answered; if that is all of them, returns the last
-// error. NOT_FOUND if the recordings have no examples.
+// the first 2,000 recordings of the dataset. Returns the examples that report::ChooseScenes picks,
+// at most 24. Skips recordings that cannot be read or answered; if that is all of them, returns the
+// last error. NOT_FOUND if the recordings have no examples.
 absl::StatusOr<std::vector<report::Scene>> CollectScenes(const v1::ModelVersion& version,
                                                          const SceneSource& source,
                                                          Environment& environment);

@@ -15,7 +15,7 @@ namespace maneuver::cli {
 int CurrentState(const v1::Agent& agent, double time);
 
 // Returns at most `most` agents of a type that can be predicted at `time`: visible then and a
-// second earlier, and moving; fastest first. Uses no later states.
+// second earlier, and at least 0.5 m further on; fastest first. Uses no later states.
 std::vector<int64_t> MovingAgents(const v1::Scenario& scenario, v1::AgentType type, double time,
                                   int most);
 

@@ -49,6 +49,7 @@ struct HistogramChange {
   double Mean() const;
   double Quantile(double quantile) const;
 };
+// Returns the change of a histogram. Adds up all histograms with these labels.
 HistogramChange Change(const MetricsPage& before, const MetricsPage& after, std::string_view name,
                        const MetricLabels& labels = {});
 

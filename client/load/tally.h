@@ -47,9 +47,10 @@ struct Tally {
   std::chrono::nanoseconds least_delay{0};
   std::chrono::nanoseconds most_delay{0};
   int64_t held_back = 0;  // by the client library; the server never saw them
-  int64_t refused_targets = 0;
+
+  int64_t refused_targets = 0;  // in answers whose status is OK
   // The first failure that more load does not explain; OK if there was none. Overload explains
-  // RESOURCE_EXHAUSTED and DEADLINE_EXCEEDED.
+  // RESOURCE_EXHAUSTED and DEADLINE_EXCEEDED. A refused target counts as INVALID_ARGUMENT.
   absl::Status failure;
 
   // For all calls that ended in the window, whenever they were due:

@@ -29,6 +29,7 @@ inline Box CellOf(const GridShape& grid, int index, const Box& whole) {
           width, height};
 }
 
+// Returns INVALID_ARGUMENT unless both sides are 200 to 12000 pixels.
 inline absl::Status CheckSize(int width, int height) {
   constexpr int kLeast = 200;
   constexpr int kMost = 12'000;

@@ -21,11 +21,12 @@ struct RecordingsPlotOptions {
   double horizon = 8.0;
 };
 
-// Draws one panel for each recording, north up, axes in metres from the middle of its targets: its
-// map, the agents at the prediction time with their past second (target vehicles yellow, others
-// red), and their future paths by type. A recording without any agent at its prediction time is
-// drawn at its middle time. Returns a PNG file; the same input gives the same file.
-// INVALID_ARGUMENT if there is nothing to draw or the size is out of range.
+// Draws one panel for each recording, y up, axes in metres from the middle of its targets (without
+// any, of its vehicles, or of all agents): its map, the agents at the prediction time with their
+// past second (target vehicles yellow, others red), and their future paths by type. A recording
+// without any agent at its prediction time is drawn at its middle time, or left out if there is
+// none then either. Returns a PNG file; the same input gives the same file. INVALID_ARGUMENT if
+// there is nothing to draw or the size is out of range.
 absl::StatusOr<std::string> DrawRecordings(std::span<const v1::Scenario> recordings,
                                            const RecordingsPlotOptions& options);
 

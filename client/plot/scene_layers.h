@@ -16,7 +16,7 @@ namespace maneuver::plot {
 // The position of a target's panel, and of the world within it.
 struct ScenePanel {
   const v1::Scenario* scenario;
-  scene::Pose2 X_WT;  // the target at the prediction time
+  scene::Pose2 X_WT;  // where the axes begin: the target at the prediction time, or a middle
   Axes axes;
 
   Pixel FromWorld(double x, double y) const {

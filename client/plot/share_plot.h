@@ -41,9 +41,9 @@ struct SharePlot {
 };
 
 // Draws a row for each name and a column for each panel: a dot at the share, with its interval as a
-// line. What has changed stands on a coloured ground. All panels have one scale. Returns
-// a PNG file; the same input gives the same file. INVALID_ARGUMENT if there is no row or no panel,
-// or too many for a picture.
+// line. Cells that have changed have a coloured ground. All panels have one scale. Returns a PNG
+// file; the same input gives the same file. INVALID_ARGUMENT if there is no row or no panel, if
+// there are more than 60 rows or 12 panels, or if a panel does not have one cell for each row.
 absl::StatusOr<std::string> DrawShares(const SharePlot& shares);
 
 }  // namespace maneuver::plot

@@ -22,7 +22,7 @@ namespace maneuver::plot {
 // null.
 const v1::Agent* AgentInSight(const v1::Scenario& scenario, int64_t agent_id);
 
-// Keeps references to everything it is given.
+// Keeps references to what its constructor is given. Call Prepare before Shown and Draw.
 class TargetPanel {
  public:
   struct Style {
@@ -37,7 +37,7 @@ class TargetPanel {
   // Finds the lane paths to draw. Without this call, none are drawn.
   void FindLanePaths(const scene::LaneGraph& lanes);
 
-  // Call it first. INVALID_ARGUMENT if a trajectory has unequal numbers of x and y.
+  // Reads the trajectories. INVALID_ARGUMENT if one has unequal numbers of x and y.
   absl::Status Prepare();
 
   // Returns the extent to show, target frame: the target, what it may do and did, and its lane

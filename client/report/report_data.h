@@ -52,10 +52,11 @@ struct ReportData {
   std::optional<v1::EvaluationReport> evaluation;
   std::vector<v1::EvaluationReport> others;  // other versions on the same examples
   std::vector<LearningPhase> learning;       // curves of the training
-  std::optional<v1::Job> job;                // the job that the report is about
+  std::optional<v1::Job> job;                // the job that trains the version, or trained it
   std::string scenes_from;                   // datasets/NAME that the scenes are from
   std::vector<Scene> scenes;                 // in the order in which they are shown
-  std::map<std::string, Missing> missing;    // by part: actions, evaluation, learning, scenes
+  // By part: actions, evaluation, learning, scenes, settings.
+  std::map<std::string, Missing> missing;
 };
 
 }  // namespace maneuver::report

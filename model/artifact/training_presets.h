@@ -18,8 +18,10 @@ inline constexpr int kMicroBatchesOfRanks = 8;
 // Returns `settings` with every unset field filled in from its preset. Without a preset's name,
 // that is "lanes", or "compact" if the settings have a raster, a backbone or target_motion. A
 // repeated field replaces the preset's as a whole. A width of scene_vectors set to 0, or
-// action_geometry.pair_width 0, turns off that part of the preset. An unknown preset is left for
-// validation to report.
+// action_geometry.pair_width 0, turns off that part of the preset. Also fills in what the settings
+// then need: posterior epochs for OBJECTIVE_DUAL, a network for DECODER_COVARIANCE_PREDICTED. Drops
+// the preset's scene_covariance if decoder_covariance asks for another kind. An unknown preset is
+// left for validation to report.
 v1::TrainingSettings ResolveTrainingSettings(const v1::TrainingSettings& settings);
 
 // Does the same for a training that starts from a model of this spec, which replaces the preset's

@@ -24,7 +24,7 @@ void AddToIndex(std::string_view scenario_id, uint64_t offset, std::string_view 
                 ShardIndex* index);
 
 // Reads the index of a shard. NOT_FOUND if there is none; DATA_LOSS, naming the file, if it is
-// damaged or belongs to a shard with other content.
+// damaged, has another format, or belongs to a shard with other content.
 absl::StatusOr<ShardIndex> ReadShardIndex(const std::filesystem::path& folder,
                                           const v1::Shard& shard);
 

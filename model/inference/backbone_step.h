@@ -12,6 +12,7 @@
 
 namespace maneuver::inference {
 
+// Returns the process's engine of oneDNN.
 dnnl::engine& CpuEngine();
 
 // The memory layout of a grid of c channels.
@@ -38,11 +39,12 @@ struct BackboneStep {
 dnnl::memory::desc GridDescription(const artifact::GridSize& grid, dnnl::memory::data_type type,
                                    GridLayout layout = GridLayout::kChannelsLast);
 
-// Returns the index of the first layer, from `begin` on, from which all grids should use
-// kChannelBlocks; layers.size() if none should. A residual network in f32 does: it computes its 3x3
-// convolutions by Winograd's minimal filtering (Lavin and Gray, Fast Algorithms for Convolutional
-// Neural Networks, 2016). That takes a quarter to a half of the multiplications, and its rounding
-// errors are a few times those of a direct f32 convolution.
+// Returns the index of a layer, `begin` or more. The grids of that layer and all after it should
+// use kChannelBlocks. Returns layers.size() if no grid should. A residual network in f32 uses them
+// on a processor with AVX-512: it computes its 3x3 convolutions by Winograd's minimal filtering
+// (Lavin and Gray, Fast Algorithms for Convolutional Neural Networks, 2016). That takes a quarter to
+// a half of the multiplications, and its rounding errors are a few times those of a direct f32
+// convolution.
 size_t FirstInBlocks(std::span<const artifact::BackboneLayer> layers, size_t begin, bool bf16);
 
 // Fill in all fields of `step` except the layer, the layout, and the descriptions of source and

@@ -17,7 +17,7 @@ inline constexpr double kEpsilon = 1e-8;
 // What all numbers of a parameter share.
 struct AdamWStep {
   double rate = 0.0;
-  double decay = 0.0;  // of the parameter, in addition to the gradient
+  double decay = 0.0;  // weight decay: a step multiplies the parameter by 1 - rate * decay
   // 1 - beta^t, because the averages began at 0.
   double correction1 = 1.0;
   double correction2 = 1.0;

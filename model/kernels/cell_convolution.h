@@ -1,9 +1,10 @@
 // A convolution with its ReLU at some cells of its output.
 //
 // In f32 each output is one chain of fused multiply-adds. Its order is the same for every cell and
-// instruction set, so a cell has the same bits whichever other cells are computed. bf16 inputs and
-// weights are multiplied in pairs if the processor has an instruction for that (AVX-512 BF16), and
-// summed in f32.
+// instruction set, so a cell has the same bits whichever other cells are computed.
+//
+// bf16 needs a processor with AVX-512 BF16, or the plain kernels. Inputs and weights are multiplied
+// in pairs and summed in f32.
 
 #ifndef MANEUVER_MODEL_KERNELS_CELL_CONVOLUTION_H_
 #define MANEUVER_MODEL_KERNELS_CELL_CONVOLUTION_H_

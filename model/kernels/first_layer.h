@@ -47,7 +47,7 @@ struct FirstLayerKernel {
   void (*add_values)(std::span<const NonzeroValue> values, int origin, const float* weights,
                      int outputs, float* sums);
 
-  // row = sums, or max(0, sums) with `relu`; NaN stays NaN. `bf16` rounds to the nearest.
+  // row = sums, or max(0, sums) with `relu`; NaN stays NaN. store_bf16 rounds to the nearest.
   void (*store)(const float* sums, ptrdiff_t count, bool relu, float* row);
   void (*store_bf16)(const float* sums, ptrdiff_t count, bool relu, uint16_t* row);
 };

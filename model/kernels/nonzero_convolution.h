@@ -10,7 +10,7 @@
 
 namespace maneuver::kernels {
 
-// Outputs are padded to a multiple of this number.
+// Weights have room for a multiple of this number of outputs.
 inline constexpr int64_t kNonzeroPadding = 8;
 
 // Returns `outputs` rounded up to whole vectors.

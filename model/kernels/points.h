@@ -48,7 +48,7 @@ struct PictureArea {
   double reach;       // how far outside a point still counts as inside, pixels
 };
 
-// Points first and last of a line, joined by a straight one.
+// A straight line from point `first` to point `last` of a line.
 struct Chord {
   uint32_t first, last;
 };

@@ -30,7 +30,8 @@ double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log
 //     scene predicts was learned before; here its speed factors are fitted to held-out examples
 //     (speed_factors.h);
 //   4. mixture.log_weight, the mean of p(y|s).
-// CANCELLED if `stopped` returns true; the networks are then calibrated in part.
+// With fewer than kFewestHeldOut held-out examples, leaves out what is fitted to them. CANCELLED if
+// `stopped` returns true; the networks are then calibrated in part.
 //   most: examples that are read of each source, drawn evenly
 //   count: called after each step
 absl::Status CalibrateModel(Networks& networks, const SceneSource& training_source,
@@ -42,7 +43,7 @@ absl::Status CalibrateModel(Networks& networks, const SceneSource& training_sour
 // Fits what CalibrateModel fits to held-out examples, of a model that is calibrated already: the
 // temperature of p(y|s), then the width of p(x|z). Leaves everything else as it is, also q(z|y,s).
 //   most: examples that are read, drawn evenly
-// FAILED_PRECONDITION if there are fewer than kFewestHeldOut.
+// FAILED_PRECONDITION if there are fewer than kFewestHeldOut; CANCELLED if `stopped` returns true.
 absl::Status RecalibrateModel(Networks& networks, const SceneSource& examples, int64_t most,
                               double covered_share, int threads,
                               const std::function<bool()>& stopped,

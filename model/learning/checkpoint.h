@@ -19,8 +19,8 @@ namespace maneuver::learning {
 // grow. Each is written completely or not at all, and carries a checksum.
 class CheckpointFolder {
  public:
-  // Opens the folder, and creates it if it is missing. UNAVAILABLE if that fails; otherwise errors
-  // of files.
+  // Opens the folder, and creates it if it is missing. Removes what an interrupted Write left.
+  // UNAVAILABLE if the folder cannot be created, or the error of a file that cannot be removed.
   static absl::StatusOr<CheckpointFolder> Open(const std::filesystem::path& folder,
                                                const CheckpointPolicy& policy);
 

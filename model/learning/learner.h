@@ -20,8 +20,8 @@
 
 namespace maneuver::learning {
 
-// The phases that follow the learner's in its plan, and the steps of the second. A step of another
-// kind ends that one: it makes a report and completes the model.
+// The phases after the learner's in its plan. `evaluate` measures in kEvaluateSteps steps; one more
+// step, of another kind, makes the report and completes the model.
 inline constexpr char kExportPhase[] = "export";
 inline constexpr char kEvaluatePhase[] = "evaluate";
 inline constexpr int kEvaluateSteps = 100;

@@ -14,7 +14,7 @@ namespace maneuver::learning {
 // Extrapolates the first examples of a measurement to all of them. Not thread-safe.
 class MeasuringTime {
  public:
-  // The measurement begins now.
+  // Begins a measurement.
   explicit MeasuringTime(TrainingProgress::Clock clock);
 
   // To be called as EvaluationInput.progress. Returns false, so that the measurement stops, once it

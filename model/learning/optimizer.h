@@ -15,8 +15,8 @@ namespace maneuver::learning {
 //   step: 0 .. steps-1;  warm_up: number of steps, but at most a tenth of `steps`
 double LearningRateShare(int64_t step, int64_t warm_up, int64_t steps);
 
-// AdamW (Loshchilov and Hutter, 2019), betas 0.9 and 0.999. Vectors (biases, normalisations) and
-// the mixture do not decay, because they do not scale anything.
+// AdamW (Loshchilov and Hutter, 2019), betas 0.9 and 0.999. Tensors of one dimension (biases,
+// normalisations, the mixture's weights) do not decay.
 class AdamW {
  public:
   // Adds parameters that learn at `rate` and decay by `decay`.

@@ -53,6 +53,7 @@ struct Predictions {
   Predictions Rows(const at::Tensor& rows) const;
 };
 
+// Predicts all examples, without gradients.
 Predictions Predict(const Networks& networks, const ExampleFeatures& examples);
 
 // Returns ln p(y|s) alone, with the bits of Predict. [N, K]

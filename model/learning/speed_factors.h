@@ -22,9 +22,9 @@ at::Tensor FitSpeedFactors(const Predictions& held_out);
 // Returns the steps that FitSpeedFactors takes for this many examples.
 PlannedSteps SpeedFactorSteps(int64_t examples);
 
-// Returns `factors`, multiplied by a number from 1/16 to 16 (ScaleToCover in covariance_fit.h) that
-// makes the covered share equal to `share`: one number for the bin of standing vehicles, whose
-// errors are rare but large, and one for all other bins together. A part with fewer than 100
+// Returns `factors`, multiplied by the smallest number from 1/16 to 16 that makes the covered share
+// at least `share` (ScaleToCover in covariance_fit.h): one number for the bin of standing targets,
+// whose errors are rare but large, and one for all other bins together. A part with fewer than 100
 // examples uses the number for all examples.
 at::Tensor ScaleToCoverBySpeed(const Predictions& held_out, const at::Tensor& factors,
                                double share);

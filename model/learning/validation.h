@@ -28,10 +28,11 @@ class TermMeans {
   void Add(const std::string& name, const at::Tensor& values, int64_t examples);
   // Adds every defined term of a bound, under the names of BoundTerms.
   void Add(const BoundTerms& terms);
+  // Writes the mean of each quantity.
   void Write(google::protobuf::Map<std::string, double>* means) const;
   using StoredSums = google::protobuf::Map<std::string, StoredMean>;
+  // Writes the sums, for a checkpoint or for the other ranks. Add adds what Store wrote.
   void Store(StoredSums* sums) const;
-  // Adds what Store wrote.
   void Add(const StoredSums& sums);
 
  private:

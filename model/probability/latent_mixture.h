@@ -15,7 +15,7 @@ double LogSumExp(const Eigen::VectorXd& values);
 // Returns values - LogSumExp(values): turns logits into log probabilities.
 Eigen::VectorXd LogSoftmax(const Eigen::VectorXd& values);
 
-// Returns exp(LogSoftmax(values)) divided by its sum, which then is 1 within 1e-15 K.
+// Returns exp(values) / sum exp(values) without overflow. The result sums to 1 within 1e-15 K.
 Eigen::VectorXd Softmax(const Eigen::VectorXd& values);
 
 struct LatentMixture {

@@ -54,8 +54,8 @@ std::vector<FieldViolation> ValidateScenario(const v1::Scenario& scenario,
 std::vector<FieldViolation> ValidateMap(const MapFeatures& features, const ScenarioLimits& limits);
 
 // Returns what is wrong with target_ids[target_index] of a scenario that ValidateScenario accepts:
-// no agent has the id, the agent has no state within `tolerance` seconds of the prediction time, or
-// an earlier entry names the same target.
+// no agent has the id, the agent has no state in the `tolerance` seconds up to the prediction time,
+// or an earlier entry names the same target.
 std::optional<FieldViolation> ValidateTarget(const v1::Scenario& scenario, int target_index,
                                              double tolerance);
 

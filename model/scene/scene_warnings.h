@@ -12,8 +12,8 @@
 namespace maneuver::scene {
 
 // A scene looks wrong if a value exceeds its limit here, which recordings of real roads do not; if
-// a target's velocity contradicts its positions or, of a vehicle or cyclist, its heading; or if a
-// signal names a lane that the map lacks.
+// a target's velocity contradicts its positions or its heading (not checked of pedestrians and
+// OTHER); or if a signal names a lane that the map lacks.
 struct SceneWarningLimits {
   int max_warnings = 8;                // the search stops after this many
   double max_heading = 4.0 * 3.14160;  // radians, either sign: two turns

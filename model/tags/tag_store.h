@@ -36,10 +36,11 @@ class TagStore {
   absl::Status CheckBegin(const std::string& id, const v1::Tags& tags) const;
   // Makes a folder for tags, unless it is there. ALREADY_EXISTS, naming the field, if it is there
   // for another model_version, datasets, windows or stride.
-  //   tags: says what its files will not; counts are ignored
+  //   tags: kept as it is given, for Get
   absl::Status Begin(const std::string& id, const v1::Tags& tags) const;
 
-  // Returns what was begun, and counts what is there. DATA_LOSS if a file is damaged.
+  // Returns what Begin was given, with name, counts and size_bytes of the files that are there.
+  // DATA_LOSS if a file is damaged.
   absl::StatusOr<v1::Tags> Get(const std::string& id) const;
   // Returns at most `limit` ids after `after`, sorted.
   absl::StatusOr<std::vector<std::string>> List(const std::string& after, size_t limit) const;

@@ -31,6 +31,7 @@ inline constexpr size_t kMaxListedViolations = 16;
 //     field; empty for none.
 absl::Status InvalidFields(const std::vector<scene::FieldViolation>& violations,
                            std::string_view prefix = {});
+// Returns the same for one field.
 absl::Status InvalidField(std::string_view field, std::string_view description);
 
 // Adds an ErrorInfo with a reason from reasons.h to `status`. Replaces an earlier one.
@@ -51,6 +52,7 @@ bool IsStoreAway(const absl::Status& status);
 
 // Adds a RetryInfo to `status`.
 absl::Status WithRetryDelay(absl::Status status, std::chrono::nanoseconds delay);
+// Returns the delay that WithRetryDelay added; nullopt if there is none.
 std::optional<std::chrono::nanoseconds> RetryDelay(const absl::Status& status);
 
 // Converts a failed status to its form on the wire. Details are in the order ErrorInfo, BadRequest,

@@ -1,4 +1,4 @@
-// The step of a training job that decides whether its version serves.
+// The step of a training or a recalibration that decides whether its version serves.
 
 #ifndef MANEUVER_SERVER_JOBS_DECIDE_STEP_H_
 #define MANEUVER_SERVER_JOBS_DECIDE_STEP_H_
@@ -12,7 +12,7 @@
 namespace maneuver::jobs {
 
 // With PROMOTION_IF_NO_WORSE, decides whether the new version serves and carries the decision out.
-// With any other TrainRequest.promotion, publishing has already decided. Either way, the step sets
+// With any other promotion, publishing has already decided. Either way, the step sets
 // job.promotion_decision.
 class DecideStep final : public JobStep {
  public:

@@ -42,7 +42,7 @@ absl::StatusOr<serving::ModelVersions::ResolvedVersion> ResolveReference(
 v1::ExampleSettings ResolveExamples(const v1::ExampleSettings& examples);
 
 // Return a digest that is the same for two requests exactly if they are equal apart from
-// request_id.
+// request_id and validate_only.
 std::string RequestDigest(v1::TrainRequest request);
 std::string RequestDigest(v1::EvaluateRequest request);
 std::string RequestDigest(v1::CrossValidateRequest request);

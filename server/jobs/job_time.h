@@ -5,6 +5,7 @@
 
 #include "absl/time/time.h"
 
+// Converts the times and durations of jobs between Abseil's types and protobuf's, in nanoseconds.
 namespace maneuver::jobs {
 
 inline google::protobuf::Timestamp ToTimestamp(absl::Time time) {

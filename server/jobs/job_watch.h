@@ -50,6 +50,7 @@ class JobNews {
   // must not destroy its subscription. The subscription must not outlive this object.
   [[nodiscard]] std::unique_ptr<Subscription> Subscribe(const std::string& job,
                                                         std::function<void()> on_news);
+  // Tells the listeners of a job that it has news.
   void Publish(const std::string& job);
   // Tells the listeners of every job.
   void PublishAll();
@@ -58,7 +59,7 @@ class JobNews {
   std::vector<std::string> Watched();
 
   // Reads a job and its events from the store. A listener of the job gets what another one read, if
-  // there was no news since. Errors: those of Get.
+  // there was no news since. Errors: those of JobStore::Get and ListProgress.
   absl::StatusOr<std::shared_ptr<const JobRead>> Read(JobStore& store, const std::string& job,
                                                       int64_t after_sequence, int limit);
 

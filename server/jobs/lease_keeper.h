@@ -38,6 +38,7 @@ class LeaseKeeper {
   // the store.
   //   since: a time by `now` before the job was claimed
   void Keep(const JobLease& lease, std::shared_ptr<StopRequest> run, Time since);
+  // Stops keeping a job's lease.
   void Release(const std::string& job);
 
  private:

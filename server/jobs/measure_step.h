@@ -1,4 +1,5 @@
-// The step of a training job that measures the versions that its promotion depends on.
+// The step of a training or a recalibration that measures the versions on which its promotion
+// depends.
 
 #ifndef MANEUVER_SERVER_JOBS_MEASURE_STEP_H_
 #define MANEUVER_SERVER_JOBS_MEASURE_STEP_H_

@@ -29,7 +29,8 @@ absl::StatusOr<std::unique_ptr<Store>> OpenStore(
     const std::filesystem::path& data_dir, const std::string& address, bool is_shared = false,
     monitoring::MetricRegistry& metrics = monitoring::MetricRegistry::Null());
 
-// Returns the id of the store in PostgreSQL that a data folder belongs to; empty if to none.
+// Returns the id of the store in PostgreSQL that a data folder belongs to; empty if it belongs to
+// none.
 absl::StatusOr<std::string> StoreIdOf(const std::filesystem::path& data_dir);
 // Makes the data folder belong to the store with this id.
 absl::Status WriteStoreId(const std::filesystem::path& data_dir, const std::string& id);

@@ -92,7 +92,7 @@ class PostgresqlConnection {
   // Returns whether the connection is gone: open another one.
   bool is_broken() const { return is_broken_; }
 
-  // How long one statement may take. 5 s at first.
+  // Sets how long one statement may take; 5 s at first.
   absl::Status SetPatience(std::chrono::seconds patience);
 
  private:

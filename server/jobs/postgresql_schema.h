@@ -36,13 +36,13 @@ struct SchemaVersion {
 // Returns the version of the tables. DATA_LOSS if the tables do not say it.
 absl::StatusOr<SchemaVersion> ReadSchemaVersion(PostgresqlConnection& connection);
 
-// FAILED_PRECONDITION, with what to do, unless the tables have all steps of StoreMigrations and,
-// beyond them, additions alone.
+// Returns OK if the tables have all steps of StoreMigrations and, beyond them, additions alone. Else
+// FAILED_PRECONDITION says what to do.
 absl::Status CheckSchema(PostgresqlConnection& connection);
 
 // Brings the tables from their version to the last of `steps`, wholly or not at all, and returns
-// the version that they had. FAILED_PRECONDITION if theirs is later. Servers that share the store
-// may be using it if IsAddition says so.
+// the version that they had. FAILED_PRECONDITION if they have later steps that are not additions.
+// Servers that share the store may be using it if IsAddition says so.
 absl::StatusOr<SchemaVersion> Migrate(PostgresqlConnection& connection,
                                       const std::vector<SchemaStep>& steps);
 

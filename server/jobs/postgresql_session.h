@@ -19,8 +19,8 @@
 
 namespace maneuver::jobs {
 
-// Uses the store alone, or shares it. PostgreSQL holds a lock for the session, so every statement
-// runs while no other server uses the store in a way that this use forbids.
+// Uses the store alone, or shares it with other servers that do. PostgreSQL holds a lock for the
+// session. So no statement runs while another server uses the store in a way that this use forbids.
 //
 // If the connection is lost, the next call connects again and takes the lock again, but only once
 // PostgreSQL has ended the old connection, whose statements could otherwise still arrive. If
@@ -31,7 +31,8 @@ namespace maneuver::jobs {
 // calls fail at once.
 class PostgresqlSession {
  public:
-  // FAILED_PRECONDITION if the tables are not of the latest version.
+  // Connects. FAILED_PRECONDITION if this release cannot use the tables (CheckSchema). UNAVAILABLE
+  // if another server keeps the store for kPatienceForPredecessor.
   static absl::StatusOr<std::unique_ptr<PostgresqlSession>> Open(
       const std::string& address, StoreUse use, monitoring::MetricRegistry& metrics);
 

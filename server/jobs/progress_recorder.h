@@ -17,7 +17,8 @@ namespace maneuver::jobs {
 
 // Numbers the events of one job, stores them and tells its watchers. The end of an epoch and the
 // beginning of a phase always become events. Any other report within 200 ms of the last event
-// waits, and the next report replaces it. Not thread-safe.
+// waits, and the next report replaces it. An event that cannot be stored is lost, with a line in
+// the log. Not thread-safe.
 class ProgressRecorder {
  public:
   //   job: contains its latest event and counts this process among its attempts

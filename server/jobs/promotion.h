@@ -68,11 +68,12 @@ std::vector<std::string> VersionsToMeasure(const PromotionTask& task, PromotionV
 PromotionOutcome MeasureVersions(const PromotionTask& task, PromotionVersions& versions);
 
 // Decides and, if so, promotes:
-//   - no version of the model serves, and the criteria require nothing beside rivals: promotes
-//     without a measurement;
-//   - no version serves: promotes if the report of the new version meets the requirements;
+//   - no version of the model serves, and the criteria name no rival: promotes without a
+//     measurement;
+//   - no version serves: promotes if the report of the new version shows what the criteria require
+//     beside rivals;
 //   - otherwise compares the reports of the new version and of the serving one; promotes if no
-//     metric is worse by more than its tolerance, and the requirements are met;
+//     metric is worse by more than its tolerance, and what is required beside rivals is met;
 //   - if another version has come to serve meanwhile, compares with that one.
 // Measures versions that have no report by the criteria. After MeasureVersions, that can only be a
 // version that has come to serve since. A remembered decision that still holds is carried out as it

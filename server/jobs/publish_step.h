@@ -1,4 +1,4 @@
-// The step of a training job that makes its model the next version.
+// The step of a training or a recalibration that makes its model the next version.
 
 #ifndef MANEUVER_SERVER_JOBS_PUBLISH_STEP_H_
 #define MANEUVER_SERVER_JOBS_PUBLISH_STEP_H_

@@ -19,7 +19,7 @@ struct StoreContents {
   int64_t aliases = 0;
 
   bool operator==(const StoreContents&) const = default;
-  // "3 jobs (1 pending, 2 succeeded), 40 events, 2 aliases"
+  // Returns text such as "3 jobs (1 pending, 2 succeeded), 40 events, 2 aliases".
   std::string ToString() const;
 };
 

@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <memory>
+#include <optional>
 #include <system_error>
 
 #include "absl/strings/str_cat.h"
@@ -13,6 +14,8 @@
 #include "server/jobs/postgresql_store.h"
 #include "server/jobs/sqlite_statement.h"
 #include "server/jobs/sqlite_store.h"
+#include "server/jobs/stored_job.h"
+#include "server/jobs/worker_capacity.h"
 
 namespace maneuver::jobs {
 namespace {
@@ -47,12 +50,17 @@ absl::Status CopyRows(sqlite3* source, PostgresqlConnection& target) {
       source,
       "SELECT number, name, state, priority, create_time, request_id, request_digest, job FROM "
       "jobs",
-      [&](const Statement& row) {
+      [&](const Statement& row) -> absl::StatusOr<SqlRows> {
+        const auto job = ParseStoredJob({row.Bytes(1), row.Int(2)}, row.Bytes(7), std::nullopt);
+        if (!job.ok()) return job.status();
+        const JobNeeds needs = NeedsOf(*job);
         return target.Run(
             "INSERT INTO jobs (number, name, state, priority, create_time, request_id,"
-            " request_digest, job) VALUES ($1, $2, $3, $4, $5, $6, $7, $8)",
+            " request_digest, job, device, ranks, memory)"
+            " VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11)",
             {row.Int(0), row.Bytes(1), row.Int(2), row.Int(3), row.Int(4), BytesOrNull(row, 5),
-             SqlValue::Bytes(row.Bytes(6)), SqlValue::Bytes(row.Bytes(7))});
+             SqlValue::Bytes(row.Bytes(6)), SqlValue::Bytes(row.Bytes(7)), needs.device,
+             needs.ranks, needs.memory_bytes});
       });
   if (!status.ok()) return status;
   status = ForEachRow(

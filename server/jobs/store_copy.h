@@ -16,9 +16,9 @@ namespace maneuver::jobs {
 // caller holds the lock of the folder.
 //
 // A copy that was cut off is continued by another call. NOT_FOUND if the folder has no embedded
-// store; FAILED_PRECONDITION if the database already holds jobs or aliases, or its tables are not
-// of the latest version; UNAVAILABLE if another process holds the database, or it cannot be reached;
-// DATA_LOSS if a row is damaged, or the stores differ in the end.
+// store; FAILED_PRECONDITION if the database already holds jobs or aliases, or this release cannot
+// use its tables (CheckSchema); UNAVAILABLE if another process holds the database, or it cannot be
+// reached; DATA_LOSS if a row is damaged, or the stores differ in the end.
 absl::StatusOr<StoreContents> CopyStore(const std::filesystem::path& data_dir,
                                         const std::string& address);
 

@@ -66,7 +66,7 @@ absl::StatusOr<std::string> StatedDigest(const fs::path& backup) {
     }
   }
   return absl::InvalidArgumentError(
-      absl::StrCat(backup.string(), " is no back-up of a data folder with a ", kEmbeddedStore,
+      absl::StrCat(backup.string(), " is not a back-up of a data folder with a ", kEmbeddedStore,
                    ": its SHA256SUMS does not name one"));
 }
 

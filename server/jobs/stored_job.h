@@ -60,6 +60,8 @@ absl::Status EditRunning(const JobEdit& end, v1::Job& job);
 // Returns FAILED_PRECONDITION unless JobStore::Move may take a job from `from` to `to`.
 absl::Status CheckMove(v1::JobState from, v1::JobState to);
 
+// Return NOT_FOUND; HasAlias FAILED_PRECONDITION, for a version that an alias points to; LeaseEnded
+// ABORTED.
 absl::Status NoSuchJob(const std::string& name);
 absl::Status NoSuchAlias(const security::ModelAliasName& name);
 absl::Status NoSuchVersion(const security::ModelVersionName& name);

@@ -89,8 +89,8 @@ class Supervisor {
 
   // Starts no further job and interrupts the running ones: they write a checkpoint and become
   // PENDING, like the jobs that wait for the next start. Returns once all processes are gone, after
-  // `patience` at the latest. From then on Train, Evaluate, CrossValidate and Resume are
-  // UNAVAILABLE; everything else still works.
+  // `patience` at the latest. From then on no job can be created or resumed (UNAVAILABLE);
+  // everything else still works.
   void Stop();
   // Returns whether Stop has finished: no job continues before the next start.
   bool IsStopped() const { return is_stopped_; }
@@ -122,7 +122,7 @@ class Supervisor {
 
   // Returns a job. If it is PENDING, and no live server can run it, its error says why.
   absl::StatusOr<v1::Job> Get(const std::string& name);
-  // Lists jobs, newest first, with the same errors.
+  // Lists jobs, newest first, each as Get returns it.
   absl::StatusOr<JobPage> List(int page_size, const std::string& page_token);
   // Cancels a job. A pending job becomes CANCELLED at once. A running job is asked to stop and
   // stays RUNNING until its process is gone, even if the server dies in between; its checkpoints

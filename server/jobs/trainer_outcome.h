@@ -20,9 +20,9 @@ namespace maneuver::jobs {
 //   INVALID_SETTINGS, UNUSABLE_DATA, NOT_ENOUGH_EXAMPLES, DISK_FULL, CANNOT_WRITE,
 //     TRAINING_DIVERGED, ACTIONS_COLLAPSED, METRICS_NOT_FINITE, TAG_QUOTA, TRAINER_INTERNAL
 //   OUT_OF_MEMORY: it exceeded its memory limit, or the system killed it for lack of memory
-//   WALL_TIME_EXCEEDED: it exceeded its time limit
 //   TRAINER_DIED: killed by a signal; metadata signal = its number
 //   RANK_LOST: one of several processes ended or did not answer
+// Does not look at ChildResult.timed_out: see WallTimeExceeded.
 //   last_words: the trainer's last line; becomes part of the message.
 absl::Status TrainerStatus(const ChildResult& result, const std::string& last_words);
 
@@ -33,8 +33,9 @@ absl::Status WithDefaultReason(absl::Status status, errors::Reason reason);
 // Returns the error of a trainer that could not be started: TRAINER_INTERNAL.
 absl::Status CannotStartTrainer(const absl::Status& reason);
 
-// Returns whether a signal that the server did not send ended the process or one of its ranks, so
-// that another process should continue the job.
+// Returns whether the process was ended by a signal or lost a rank, though it was within its limits
+// of time and memory. Then another process should continue the job, unless the server asked this one
+// to stop.
 bool HasDied(const ChildResult& result);
 
 // Returns the error of a job whose server stopped or died while it ran: SERVER_INTERRUPTED.

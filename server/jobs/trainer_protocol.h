@@ -13,6 +13,9 @@
 //       [--test-dataset NAME=FOLDER...] [--folds N] [--fold-seed N] [--seeds N,...]
 //       [--models FOLDER] [--checkpoints FOLDER] [--data-memory BYTES] [--threads N]
 //       [--progress json|bar|none]
+//   maneuver-trainer recalibrate --model FOLDER --dataset FOLDER... --output FOLDER
+//       [--model-name NAME] [--dataset-name NAME...] [--settings FILE] [--data-memory BYTES]
+//       [--threads N] [--progress json|bar|none]
 //   maneuver-trainer tag --model FOLDER --dataset FOLDER... --output FOLDER
 //       [--part I --parts N] [--windows] [--stride S] [--room BYTES] [--checkpoints FOLDER]
 //       [--threads N] [--progress json|bar|none]
@@ -20,9 +23,10 @@
 //       Prints the values of TrainingSettings.device that can be used here, one a line.
 //
 // Each FILE is proto3 JSON. The settings are a TrainingSettings for train and cross-validate, and
-// an ExampleSettings for evaluate and --next-settings. --next-... describe the evaluations that
-// follow a training, so that its progress counts them. The output of evaluate is an
-// EvaluationReport, that of cross-validate a CrossValidationReport; train writes a model folder.
+// an ExampleSettings for evaluate, recalibrate and --next-settings. --next-... describe the
+// evaluations that follow a training, so that its progress counts them. The output of evaluate is an
+// EvaluationReport, that of cross-validate a CrossValidationReport; train and recalibrate write a
+// model folder.
 // With --progress json each line on standard output is one JobProgress as proto3 JSON. evaluate and
 // cross-validate then need --output; otherwise they print the report for people. Standard error is
 // for people, and its last line says why a run failed. SIGTERM stops a run; no half-written file

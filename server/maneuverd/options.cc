@@ -162,7 +162,6 @@ absl::StatusOr<std::vector<std::filesystem::path>> ParseFolders(const std::strin
   return folders;
 }
 
-// FAILED_PRECONDITION for flags that make no sense together.
 // Lowers the limits of the buffers to their parts of the memory limit. Together, with what an answer
 // takes while it is written (three times its size), they may fill half of it.
 void FitBuffers(ServerOptions& options) {
@@ -179,6 +178,7 @@ void FitBuffers(ServerOptions& options) {
   fit(16, options.maps.max_bytes);
 }
 
+// Returns FAILED_PRECONDITION for flags that make no sense together.
 absl::Status TakeSecurityFlags(const SecurityFlags& flags, ServerOptions* options) {
   const security::CertificateFiles& tls = flags.tls;
   if (tls.certificate.empty() != tls.key.empty()) {

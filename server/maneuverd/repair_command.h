@@ -5,7 +5,8 @@
 
 namespace maneuver {
 
-// Runs "repair [OPTIONS]" and returns the exit status.
+// Runs "repair [OPTIONS]". Returns the exit status: 0, 1 if it failed, 2 if the command line is
+// wrong.
 //   argv[0]: "repair"
 //   environment: ends with nullptr, as environ does.
 int RunRepairCommand(int argc, const char* const* argv, const char* const* environment);

@@ -33,6 +33,7 @@ class MethodMetrics {
   const std::string& name() const { return name_; }
   bool of_contract() const { return of_contract_; }
 
+  // Call Begin and End once for each call, and Received and Sent for each of its messages.
   void Begin() { in_flight_.Add(1.0); }
   void Received(size_t bytes) { request_bytes_.Increment(static_cast<double>(bytes)); }
   void Sent(size_t bytes) { response_bytes_.Increment(static_cast<double>(bytes)); }

@@ -46,7 +46,7 @@ class DownloadCall : public grpc::ServerWriteReactor<Response> {
     if (!pool_.Post([this] { TakeStep(); })) End(Busy());
   }
 
-  // Returns what is sent, without what the request says has arrived.
+  // Opens the files to send. Leaves out the bytes that the client already has, as its request says.
   virtual absl::StatusOr<std::unique_ptr<Reader>> Open() = 0;
   // Adds the ErrorInfo that fits an error.
   virtual absl::Status WithReason(absl::Status status) const = 0;

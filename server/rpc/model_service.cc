@@ -24,8 +24,6 @@ namespace {
 
 using StoredVersion = serving::VersionStore::StoredVersion;
 
-constexpr int kDefaultPageSize = 50;
-constexpr int kMaxPageSize = 1000;
 constexpr int kMaxLabelLength = 64;
 constexpr double kMostSpeed = 100.0;  // m/s, of GetActionSetRequest
 
@@ -56,7 +54,7 @@ absl::StatusOr<PageStart> ParsePageToken(std::string_view token) {
       return start;
     }
   }
-  return errors::InvalidField("page_token", "expected the next_page_token of a former answer");
+  return WrongPageToken();
 }
 
 // Whether `version` comes after the start of a page, in the order of VersionStore::List.
@@ -65,11 +63,6 @@ bool ComesAfter(const StoredVersion& version, const PageStart& start) {
   if (nanoseconds != start.nanoseconds) return nanoseconds < start.nanoseconds;
   if (version.name.model != start.name.model) return version.name.model > start.name.model;
   return version.name.version < start.name.version;
-}
-
-absl::StatusOr<int> PageSize(int requested) {
-  if (requested < 0) return errors::InvalidField("page_size", "expected 0 or more");
-  return requested == 0 ? kDefaultPageSize : std::min(requested, kMaxPageSize);
 }
 
 absl::Status ListPage(const serving::VersionStore& store, const serving::ServingTable& table,
@@ -81,7 +74,7 @@ absl::Status ListPage(const serving::VersionStore& store, const serving::Serving
     if (!parsed.ok()) return parsed.status();
     model = *std::move(parsed);
   }
-  const auto page_size = PageSize(request.page_size());
+  const auto page_size = PageSizeOf(request.page_size());
   if (!page_size.ok()) return page_size.status();
   std::vector<StoredVersion> versions = store.List(model);
   if (!request.page_token().empty()) {

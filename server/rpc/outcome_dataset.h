@@ -17,7 +17,8 @@ struct OutcomeStorage {
 };
 
 // Answers CollectOutcomes. Waits for the disk. FAILED_PRECONDITION, reason OUTCOMES_NOT_COLLECTED,
-// if nothing is collected. Otherwise, the errors are those of an upload.
+// if nothing is collected. The other errors are those of an upload, and of the removal of outcomes
+// that are to be forgotten: then the dataset is there nevertheless.
 absl::Status MakeOutcomeDataset(const OutcomeStorage& storage,
                                 const v1::CollectOutcomesRequest& request,
                                 v1::CollectOutcomesResponse* response);

@@ -24,8 +24,9 @@ int CountTargets(const v1::ReportOutcomesRequest& request);
 // and the scoring: do not call it on gRPC's threads. Predictions for scenes have bulk priority.
 //
 // Outcomes and targets fail one by one: the response has their errors. The whole call fails if
-// nobody waits for it any more (CANCELLED, DEADLINE_EXCEEDED) or the scheduler refuses it (errors
-// of BatchScheduler::Submit). Then no outcome is counted, and no kept answer is removed.
+// nobody waits for it any more (CANCELLED, DEADLINE_EXCEEDED), the scheduler refuses it (errors of
+// BatchScheduler::Submit) or the collection cannot be written. Then no outcome is counted, and no
+// kept answer is removed.
 //   context: without past_answers, outcomes of kept answers fail with ANSWER_NOT_KEPT
 //   cancelled: returns whether the caller has gone; called often
 //   collection: gets the outcomes that came with their scenes, before anything is counted; they are

@@ -20,14 +20,14 @@ namespace maneuver::rpc {
 
 class PollHeartbeat {
  public:
-  // Starts beating. The default is less than a third of a second: there are two or more such
-  // threads, and it is enough if one of them received the last beats.
+  // Starts beating. A beat keeps one of the threads awake for a second. That is enough, although
+  // the others may pause.
   explicit PollHeartbeat(std::chrono::milliseconds interval = std::chrono::milliseconds(300));
   PollHeartbeat(const PollHeartbeat&) = delete;
   PollHeartbeat& operator=(const PollHeartbeat&) = delete;
   ~PollHeartbeat();
 
-  // Waits until gRPC's threads have seen `count` more beats.
+  // Waits until gRPC's threads have seen `count` beats since construction.
   void AwaitBeats(int count);
   // Returns when gRPC's threads saw the last beat; at first, the time of construction. If that is
   // many intervals ago, the threads are stuck.

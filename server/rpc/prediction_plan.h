@@ -53,8 +53,8 @@ struct PredictionPlan {
 // the server does not hold one. Ignores malformed map ids, which PlanPrediction reports.
 absl::StatusOr<ScenarioMaps> FindMaps(const Scenarios& scenarios, serving::MapCache& maps);
 
-// Validates each scenario and target for a model. An invalid scenario or target gets an error; the
-// others are answered.
+// Validates each scenario and target for a model. An invalid scenario or target gets
+// INVALID_ARGUMENT with the field; the others are answered. The plan points to `scenarios`.
 //   classify: each target also needs its future, resampled to the model's waypoints.
 //   maps: from FindMaps.
 //   strict: refuse a scenario that has warnings.

@@ -67,8 +67,8 @@ struct PredictionIo {
 
 class PredictionRun : public std::enable_shared_from_this<PredictionRun> {
  public:
-  // Starts a run. `done` is called once, from any thread, possibly before Start returns. Errors of
-  // single items are in the answer.
+  // Starts a run. `done` is called once, from any thread, possibly before Start returns. It gets the
+  // error of the whole request, if there is one. Errors of single items are in the answer.
   //   request: owns what `io` points to, so that the shadow can read it after the run; nullptr: the
   //     shadow gets nothing.
   static std::shared_ptr<PredictionRun> Start(PredictionContext& context, const PredictionIo& io,

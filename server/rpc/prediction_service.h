@@ -20,7 +20,8 @@ using PredictionMethods = v1::PredictionService::WithCallbackMethod_PredictActio
 // Predicts, classifies, and registers maps.
 class PredictionService final : public PredictionMethods {
  public:
-  // `context` must outlive the service. Defined in the .cc, as is the destructor: see AdminService.
+  // `context` must outlive the service. The .cc defines the constructor and the destructor, for the
+  // reason that admin_service.h gives.
   explicit PredictionService(PredictionContext& context);
   ~PredictionService() override;
 

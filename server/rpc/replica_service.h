@@ -10,8 +10,9 @@ namespace maneuver::rpc {
 // Lists the servers that share a store.
 class ReplicaService final : public v1::ReplicaService::CallbackService {
  public:
-  // Arguments must outlive the service. Defined in the .cc, as is the destructor: see AdminService.
-  //   replicas: nullptr if this server shares no store
+  // All arguments must outlive the service. The .cc defines the constructor and the destructor, for
+  // the reason that admin_service.h gives.
+  //   replicas: nullptr if this server shares no store; then the list is empty
   ReplicaService(jobs::ReplicaRegistry* replicas, WorkerPool& pool);
   ~ReplicaService() override;
 

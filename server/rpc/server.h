@@ -79,7 +79,8 @@ class Server {
   bool IsAlive() const;
 
   // Refuses new calls, lets calls in flight run until `deadline`, then cancels them. Half a second
-  // later it closes connections whose callers do not read, because they could delay the end.
+  // later it cuts off the connections that are left: a caller that does not read would delay the
+  // end.
   void Shutdown(std::chrono::system_clock::time_point deadline);
 
  private:

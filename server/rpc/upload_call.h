@@ -23,7 +23,7 @@
 
 namespace maneuver::rpc {
 
-inline constexpr size_t kMaxUploadChunk = size_t{1} << 20;
+inline constexpr size_t kMaxUploadChunk = size_t{1} << 20;  // bytes
 
 // Checks arrived_bytes: it must be empty, or have a number from 0 to the file's size for each file.
 // INVALID_ARGUMENT names header.arrived_bytes.

@@ -55,6 +55,7 @@ inline constexpr std::string_view kCandidateAlias = "candidate";
 // What a request may name where a version is expected.
 using ModelReference = std::variant<ModelVersionName, ModelAliasName>;
 
+// Returns whether `id` has the form of an id, as above.
 bool IsResourceId(std::string_view id);
 
 // Parses models/{model} and returns the id.

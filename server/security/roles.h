@@ -16,7 +16,7 @@ namespace maneuver::security {
 enum class Role {
   kAnyone = 0,   // only in the table: no identity is required
   kPredict = 1,  // predict, report outcomes, and read what models and reports say
-  kTrain = 2,    // upload data, train, evaluate, label actions, download models
+  kTrain = 2,    // upload data, train, evaluate, tag, label actions, download models
   // Delete, upload models, set aliases, register folders, read and change the log level.
   kAdmin = 4,
 };

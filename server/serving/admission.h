@@ -19,7 +19,8 @@ struct ExpectedWait {
 };
 
 // Returns RESOURCE_EXHAUSTED with reason DEADLINE_TOO_CLOSE and a retry delay if a call needs more
-// than `left`, the time until its deadline.
+// than `left`, the time until its deadline. The expected times count with a margin, and a standing
+// queue with a larger one.
 absl::Status CheckTimeLeft(const ExpectedWait& expected, std::chrono::nanoseconds left);
 
 // Returns `delay` clamped to what callers are told: a millisecond to half a minute.

@@ -1,6 +1,6 @@
-// How fast the workers empty the queue, as measured on the work of the last seconds.
+// Measures how fast the workers empty the queue, by their work of the last seconds.
 //
-// No threads and no clock of its own: the batch scheduler holds a lock around it and passes the
+// It has neither a lock nor a clock: the batch scheduler calls it under its own lock and passes the
 // time.
 
 #ifndef MANEUVER_SERVER_SERVING_DRAIN_RATE_H_
@@ -30,7 +30,8 @@ class DrainRate {
   std::chrono::nanoseconds TimeForWorkBegun(TimePoint now) const;
 
   // Returns how long all workers together need for `targets` targets. A batch that already takes
-  // longer than earlier ones counts before it ends. 0 before the first batch.
+  // longer than earlier ones counts before it ends. Returns 0 until a batch has ended or every
+  // worker is busy.
   std::chrono::nanoseconds TimeFor(int targets, TimePoint now) const;
 
  private:

@@ -20,7 +20,7 @@
 namespace maneuver::serving {
 
 // Replaces the report on the same dataset in one step; a crash leaves the old one or the new.
-// Errors: of files.
+// Returns the error of the folder or file that could not be written.
 //   dataset: its id
 absl::Status WriteEvaluation(const std::filesystem::path& version_folder,
                              const std::string& dataset, const v1::EvaluationReport& report);
@@ -30,7 +30,7 @@ absl::Status WriteEvaluation(const std::filesystem::path& version_folder,
 absl::StatusOr<v1::EvaluationReport> ReadEvaluation(const std::filesystem::path& version_folder,
                                                     const std::string& dataset);
 
-// Returns the ids of the datasets that have reports, sorted.
+// Returns the ids of the datasets that have reports, sorted; none if the folder cannot be read.
 std::vector<std::string> ListEvaluations(const std::filesystem::path& version_folder);
 
 // Returns the folder of the reports, which need not exist. An interrupted WriteEvaluation leaves a

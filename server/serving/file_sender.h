@@ -21,18 +21,19 @@ namespace maneuver::serving {
 class FileSender {
  public:
   enum class Opening {
-    kNow,    // the bytes are those of the file that is there when it is added
-    kLater,  // when it is its turn: many files may be added
+    kNow,    // when it is added: if its name is replaced later, the bytes stay those of this file
+    kLater,  // when its turn comes, so that many files need few descriptors
   };
 
   FileSender();
   ~FileSender();
 
-  // Adds a file, with its name and size. The caller sets its SHA-256.
+  // Adds a file, with its name and size. The caller sets its SHA-256. Fails if the file cannot be
+  // opened: NOT_FOUND if it does not exist.
   absl::Status Add(const std::filesystem::path& folder, const std::string& name, Opening opening);
   v1::ModelFile& file(int index) { return files_[index]; }
   const google::protobuf::RepeatedPtrField<v1::ModelFile>& files() const { return files_; }
-  // Returns all bytes of a file that was opened when it was added.
+  // Returns all bytes of a file that was added with kNow.
   absl::StatusOr<std::string> ReadWhole(int index) const;
 
   // Skips the first arrived_bytes[i] bytes of each file i. Call before Next. INVALID_ARGUMENT, with

@@ -25,7 +25,7 @@ class MemoryBudget {
   // Watches the memory of this process, fifty times a second, and shows it as a metric.
   //   limit: bytes of anonymous memory; 0: any number, and nothing is watched
   MemoryBudget(int64_t limit, monitoring::MetricRegistry& metrics);
-  // The same, for tests, over other sources.
+  // The same over other sources, for tests. No thread watches: only Look() does.
   //   used: returns the bytes in use
   //   free_unused: gives memory that was freed back to the system
   MemoryBudget(int64_t limit, std::function<int64_t()> used, std::function<void()> free_unused,
@@ -34,8 +34,9 @@ class MemoryBudget {
   MemoryBudget(const MemoryBudget&) = delete;
   MemoryBudget& operator=(const MemoryBudget&) = delete;
 
-  // Returns OK while less than 80 % of the limit is in use. The rest is for the calls that were
-  // admitted before. Otherwise RESOURCE_EXHAUSTED with the reason MEMORY_FULL and a retry delay.
+  // Returns OK if at most 80 % of the limit was in use at the last look. The rest is for the calls
+  // that were admitted before. Otherwise RESOURCE_EXHAUSTED with the reason MEMORY_FULL and a retry
+  // delay. Takes no lock.
   absl::Status Admit();
 
   // Looks at the memory now. If it is full, frees what is unused, at most once a second, and looks

@@ -53,7 +53,8 @@ class OutcomeCollection {
     int64_t surprising = 0;
     int64_t sampled = 0;
   };
-  // Adds all outcomes to the writer, by digest. Skips damaged files, with a line in the log.
+  // Adds all outcomes to the writer, by digest. Skips damaged files, and those that the writer finds
+  // invalid, with a line in the log. Other errors of a file or the writer end it.
   absl::StatusOr<Written> Write(data::DatasetWriter& writer) const;
   // Removes these outcomes.
   absl::Status Forget(const Written& written);

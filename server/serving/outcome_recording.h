@@ -15,11 +15,12 @@ namespace maneuver::serving {
 // an example lies there.
 inline constexpr double kOutcomeTime = 60.0;
 
-// Returns what the model saw of the scene, and then what the targets did, up to its horizon. Agents
-// that are no targets end at the prediction time, so they make no examples, and the past is as
-// short as the model's window, so nothing is learned twice from two outcomes of one drive. Times are
-// shifted so that the prediction time is kOutcomeTime. The id is "{drive}#{digest}": the scene's id
-// without its part, and a digest of the content.
+// Returns what the model saw of the scene, and then what the targets did up to the model's horizon.
+//   Agents: those that are not targets end at the prediction time, so they make no examples.
+//   Past: as long as the model's window, so two outcomes of one drive teach nothing twice.
+//   Times: shifted so that the prediction time is kOutcomeTime.
+//   Id: "{drive}#{digest}", the scene's id without its part and a digest of the content. The drive
+//     is "outcome" if the scene's is empty or longer than 100 bytes.
 //   outcome: has a scenario, valid
 //   targets: those whose outcomes were scored, at least one
 v1::Scenario OutcomeRecording(const v1::Outcome& outcome, const std::set<int64_t>& targets,

@@ -32,10 +32,12 @@ struct ScoredOutcome {
 //   states: of the target after the prediction time, world frame
 //   model: the version that answered;  session: one of its sessions
 //   path: of the message that contains the states, for field paths
-// INVALID_ARGUMENT, with the field: the states are not numbers within the limits of a scenario, not
-// in order, not after the prediction time, faster than such an agent can move (data::MostSpeed, and
-// 100 m/s for any), or do not reach the model's horizon without gaps. INTERNAL, reason
-// ANSWER_UNSOUND: a score is not finite.
+// INVALID_ARGUMENT, with the field:
+//   - There is no state, a state breaks the limits of a scenario, or the times do not increase.
+//   - The first state is not after the prediction time.
+//   - The target moves faster than an agent of its type can (data::MostSpeed; at most 100 m/s).
+//   - The states do not reach the model's horizon, or leave a gap.
+// INTERNAL, reason ANSWER_UNSOUND: a score is not finite.
 absl::StatusOr<ScoredOutcome> ScoreOutcome(const PastAnswer& answer, const AgentStates& states,
                                            const inference::ActionModel& model,
                                            inference::InferenceSession& session,

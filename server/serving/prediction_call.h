@@ -41,7 +41,7 @@ struct ActionIds {
 using ActionSelection = std::variant<AtLeast, TopK, ActionIds>;
 
 // Returns the selected actions, most probable first. Among equally probable ones the smaller id
-// comes first.
+// comes first. Leaves out actions whose probability is NaN.
 std::vector<int> SelectActions(const Eigen::VectorXd& probabilities,
                                const ActionSelection& selection);
 
@@ -98,7 +98,8 @@ struct PredictionCall {
   int64_t bytes = 0;            // of the request that it keeps in memory
   Priority priority = Priority::kInteractive;
   TimePoint deadline = TimePoint::max();
-  // Called once, from a worker, when each target has an answer or an error.
+  // Called once, when each target has an answer or an error: on a worker, or on a thread that
+  // submits another call or destroys the scheduler.
   //   answers: in the order of targets.
   std::function<void(std::vector<TargetAnswer> answers)> done;
 

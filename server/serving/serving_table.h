@@ -37,6 +37,7 @@
 
 namespace maneuver::serving {
 
+// Reads a model from its folder. An error means that the version cannot serve.
 using ModelLoader = std::function<absl::StatusOr<std::shared_ptr<const inference::ActionModel>>(
     const std::filesystem::path& folder)>;
 
@@ -61,8 +62,8 @@ class ServingTable {
                                                             monitoring::MetricRegistry& metrics);
 
   // Calls `listener` at once with the present answer of Ready(), and then, from any thread and one
-  // call at a time, whenever it may have changed. nullptr removes the listener: once this returns,
-  // it is not called any more.
+  // call at a time, whenever it may have changed. The listener must not call functions that load
+  // or change something here. nullptr removes it: once this returns, it is not called any more.
   void OnReadyChange(std::function<void(bool ready)> listener);
   // Returns whether the @serving version of at least one model is in memory.
   bool Ready() const;

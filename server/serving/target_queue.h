@@ -1,5 +1,5 @@
-// Decides which targets are answered next, and which of them share a batch. Has no threads and no
-// clock: the batch scheduler holds a lock around it and passes the time.
+// Decides which targets are answered next, and which of them share a batch. It has neither a lock
+// nor a clock: the batch scheduler calls it under its own lock and passes the time.
 //
 // Interactive and bulk calls wait in two lines. A line is in order of arrival, but smaller calls
 // may overtake a large one: each target of the large call lets at most kOvertaking later targets
@@ -34,10 +34,10 @@ using CallPtr = std::shared_ptr<PredictionCall>;
 struct QueueOptions {
   int max_batch = 8;                            // targets
   std::chrono::nanoseconds max_queue_delay{0};  // how long a batch that is not full may wait
+  double bulk_share = 0.1;                      // in [0, 1): of the targets, while both lines wait
   // Of each priority:
   int max_queue = 4096;                          // targets
   int64_t max_queue_bytes = int64_t{256} << 20;  // of the calls that still have targets waiting
-  double bulk_share = 0.1;                       // in [0, 1): of the targets, while both lines wait
 };
 
 class TargetQueue {
@@ -56,6 +56,7 @@ class TargetQueue {
   int SizeBefore(Priority priority, size_t targets) const;
   // Returns whether there is room for the call. Call before Push.
   bool HasRoom(const PredictionCall& call) const;
+  // Queues a call that arrives now.
   void Push(CallPtr call, TimePoint now);
 
   struct Item {

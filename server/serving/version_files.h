@@ -40,7 +40,8 @@ std::vector<scene::FieldViolation> ValidateVersionFiles(
 // even if an action is labelled or the version is deleted meanwhile. Not thread-safe.
 class VersionReader {
  public:
-  // Opens a version. FAILED_PRECONDITION if it is damaged.
+  // Opens a version. FAILED_PRECONDITION, reason MODEL_DAMAGED, if model.json cannot be read or
+  // parsed; NOT_FOUND, or another error of files, if another file cannot be read.
   static absl::StatusOr<std::unique_ptr<VersionReader>> Open(const security::ModelVersionName& name,
                                                              const std::filesystem::path& folder);
   virtual ~VersionReader() = default;

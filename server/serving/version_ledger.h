@@ -30,7 +30,7 @@ class VersionLedger {
   virtual ~VersionLedger() = default;
 
   virtual absl::StatusOr<std::vector<Entry>> ListVersions() = 0;
-  // Makes versions exist whose numbers the ledger does not know.
+  // Adds versions of a folder that had no ledger. Leaves out numbers that the ledger already knows.
   virtual absl::Status Adopt(const std::vector<security::ModelVersionName>& present) = 0;
   // Keeps the numbers of deleted versions from being given again.
   virtual absl::Status AdoptDeleted(const std::vector<security::ModelVersionName>& deleted) = 0;
@@ -39,8 +39,8 @@ class VersionLedger {
   virtual absl::StatusOr<int> Reserve(const std::string& model, const Maker& maker) = 0;
   // Makes the version of a reserved number exist. NOT_FOUND if the number is not reserved.
   virtual absl::Status Announce(const security::ModelVersionName& name, const Maker& maker) = 0;
-  // Makes a version exist no more. NOT_FOUND if there is none, FAILED_PRECONDITION while an alias
-  // points to it.
+  // Removes a version from the list. NOT_FOUND if it is not there, FAILED_PRECONDITION while an
+  // alias points to it.
   virtual absl::Status Retract(const security::ModelVersionName& name) = 0;
   // Calls `edit`, which changes files of a version, while nobody else changes or retracts the
   // version. `edit` must not call the store. NOT_FOUND if there is no such version; the error of

@@ -15,8 +15,8 @@
 
 namespace maneuver::postgresql {
 
-// Ends the cluster when the program's tests are done, and holds that each statement of a store, in
-// whatever test, used an index and was not compiled.
+// Ends the cluster when the program's tests are done. Then expects that each statement of a store
+// in any of them used an index (query_plans.h) and was not compiled.
 class SharedCluster final : public testing::Environment {
  public:
   // Starts it on the first call.

@@ -15,8 +15,8 @@
 
 namespace maneuver {
 
-// Made while a test runs: in its body, or as a member of its fixture. There it comes before the
-// members that use it, to be there until they are gone.
+// Make it while a test runs: in its body, or as a member of its fixture, before the members that
+// use it.
 class TemporaryFolder {
  public:
   TemporaryFolder() {

@@ -1,4 +1,4 @@
-// Measures whether road users collided.
+// Measures how deep road users drove into each other.
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_BOX_OVERLAP_H_
 #define MANEUVER_MODEL_DATA_TOWN_BOX_OVERLAP_H_

@@ -18,8 +18,9 @@
 //   standing             at a standstill (slower than 0.6 m/s): parked, or waiting
 //   start                from a standstill until most of the speed is reached
 // If several apply, the first of this order wins: standing; a manoeuvre of the route that has begun
-// (but a stop within a lane change is a stop); stop; start; curves; the ways of keeping the lane.
-// An interval shorter than 0.8 s is merged into the previous one.
+// (but a stop within a lane change is a stop); stop; a manoeuvre that is about to begin; start;
+// curves; the ways of keeping the lane. An interval shorter than 0.8 s is merged into the previous
+// one, the first into the next.
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_MANEUVERS_H_
 #define MANEUVER_MODEL_DATA_TOWN_MANEUVERS_H_

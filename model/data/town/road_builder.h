@@ -70,8 +70,9 @@ struct JunctionSpec {
 // Adds a junction of arms in counter-clockwise order. Returns their roads in the same order.
 std::vector<Road> AddJunction(Place& place, std::span<const Arm> arms, const JunctionSpec& spec);
 
-// Makes a traffic source of every lane that no other lane leads to, with mean headways between
-// `shortest` and `longest` seconds.
+// Makes a traffic source of every lane that no other lane leads to, but not of bays and gated
+// lanes. Mean headways are between `shortest` and `longest` seconds, and three times that for
+// bicycles.
 void AddSources(Place& place, Random& random, double shortest, double longest);
 
 void AddLine(Place& place, DecorationKind kind, const Path& path);

@@ -14,7 +14,7 @@ namespace maneuver::data::town {
 // The depth to which the boxes of two road users may overlap, metres. Vehicles that cut the corners
 // of a car park come this close. A place with deeper overlaps is drawn again.
 inline constexpr double kOverlapTolerance = 0.1;
-// The least number of agents. Places with fewer are drawn again.
+// The least number of agents that the sensor sees. Places with fewer are drawn again.
 inline constexpr int kFewestAgents = 15;
 
 struct SimulatedPlace {
@@ -23,6 +23,7 @@ struct SimulatedPlace {
 };
 
 // Returns the noiseless tracks behind GenerateRecording(options, index), in the place's frame.
+// Draws a place at most twelve times, and keeps the best if none is good enough.
 SimulatedPlace SimulatePlace(const TownOptions& options, int index);
 
 }  // namespace maneuver::data::town

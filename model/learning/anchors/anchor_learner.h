@@ -40,8 +40,8 @@ class AnchorLearner {
   LaterPhases Rehearsed() const;
 
   // Trains and calibrates both baselines. The model must be learned and calibrated: checkpoints
-  // also hold it, so a run that is resumed in the baselines does not learn it again. CANCELLED if
-  // it was asked to stop, ABORTED if the loss is no longer finite.
+  // also hold it, so a run that is resumed in the baselines does not learn it again. Errors: those
+  // of EpochLoop::Run; CANCELLED if it was asked to stop.
   absl::StatusOr<artifact::StoredBaselines> Learn();
 
   // Returns both baselines as they are: on fresh weights until Learn.

@@ -77,6 +77,7 @@ class AnchorNetworks {
   // Multiplies the covariances of a MultiPath-like baseline by `scale` from now on. [T]
   void SetScale(const at::Tensor& scale);
 
+  // Returns the tensors as an engine reads them (artifact/anchor_baselines.h).
   artifact::TensorMap Export() const;
   Networks::Snapshot Save() const;
   void Restore(const Networks::Snapshot& snapshot);

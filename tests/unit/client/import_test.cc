@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <sstream>
@@ -10,7 +12,9 @@
 #include <vector>
 
 #include "client/cli/command.h"
+#include "client/cli/dataset_import.h"
 #include "client/cli/maneuver.h"
+#include "locks/mutex.h"
 #include "model/data/dataset_folder.h"
 #include "model/data/tfrecord.h"
 #include "tests/unit/model/data/argoverse/argoverse_fixture.h"
@@ -110,6 +114,44 @@ TEST_F(ImportTest, RecordingsKeepTheirOrderOnAnyNumberOfThreads) {
   }
   EXPECT_EQ(data::ReadDatasetManifest(folder_ / "of1")->shards(0).sha256(),
             data::ReadDatasetManifest(folder_ / "of7")->shards(0).sha256());
+}
+
+TEST_F(ImportTest, ParsesAtMostAsManyRecordingsAtOnceAsThereAreThreads) {
+  Mutex mutex;
+  CondVar changed;
+  int parsing = 0;
+  int most = 0;
+  const auto parse = [&]() -> absl::StatusOr<v1::Scenario> {
+    const MutexLock lock(mutex);
+    most = std::max(most, ++parsing);
+    changed.NotifyAll();
+    // Gives one too many the time to come.
+    const auto patience = std::chrono::steady_clock::now() + std::chrono::milliseconds(20);
+    while (parsing < 3 && changed.WaitUntil(mutex, patience)) {
+    }
+    --parsing;
+    return absl::InvalidArgumentError("nothing to see");
+  };
+  const ImportFormat format{"recording",
+                            [](const std::vector<std::string>&) {
+                              return std::vector<ImportFile>{{"recordings", 1.0}};
+                            },
+                            [&](const fs::path&, ImportSink& sink) {
+                              absl::Status status;
+                              for (int i = 0; i < 8 && status.ok(); ++i)
+                                status = sink.Take({parse, "recording", 1.0});
+                              return status;
+                            }};
+  std::istringstream in;
+  std::ostringstream out, err;
+  Environment environment(in, out, err);
+  ImportArguments arguments;
+  arguments.folder = Path("out");
+  arguments.threads = 2;
+  EXPECT_EQ(RunImport(arguments, format, environment), kFailed);
+  EXPECT_THAT(err.str(), HasSubstr("unusable recordings skipped: 8"));
+  const MutexLock lock(mutex);
+  EXPECT_LE(most, 2);
 }
 
 TEST_F(ImportTest, ADamagedRecordStopsTheImportOrIsSkippedAndCounted) {

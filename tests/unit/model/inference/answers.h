@@ -31,7 +31,7 @@ inline void ExpectNear(const std::vector<double>& actual, const std::vector<doub
   }
 }
 
-// Return whether all numbers are the same to the last bit.
+// Returns whether all numbers are the same to the last bit.
 template <typename A, typename B>
 bool SameBits(const A& a, const B& b) {
   if (a.size() != b.size()) return false;

@@ -1,5 +1,5 @@
-// The networks of a model as plain loops in double precision, from tensor.h alone: an independent
-// second implementation that the engine is held against.
+// The networks of a model as plain loops in double precision, written from tensor.h alone: an
+// independent second implementation that tests compare the engine with.
 
 #ifndef MANEUVER_TESTS_UNIT_MODEL_INFERENCE_REFERENCE_MODEL_H_
 #define MANEUVER_TESTS_UNIT_MODEL_INFERENCE_REFERENCE_MODEL_H_

@@ -10,7 +10,6 @@
 #include <chrono>
 #include <filesystem>
 #include <fstream>
-#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -22,30 +21,10 @@
 #include "server/rpc/prediction_service.h"
 #include "server/rpc/server.h"
 #include "tests/unit/server/serving/fake_action_model.h"
+#include "tests/unit/server/serving/memory_alias_store.h"
 #include "tests/unit/temporary_folder.h"
 
 namespace maneuver::rpc {
-
-class MemoryAliasStore final : public serving::AliasStore {
- public:
-  absl::StatusOr<bool> SetAliasIf(const security::ModelAliasName& name, int version,
-                                  const serving::AliasCondition&) override {
-    aliases_[name] = version;
-    return true;
-  }
-  absl::StatusOr<int> GetAlias(const security::ModelAliasName& name) override {
-    return aliases_.at(name);
-  }
-  absl::StatusOr<std::vector<serving::ModelAlias>> ListAliases() override {
-    return std::vector<serving::ModelAlias>();
-  }
-  absl::Status DeleteAlias(const security::ModelAliasName& name) override {
-    return aliases_.erase(name) == 1 ? absl::OkStatus() : absl::NotFoundError("no alias");
-  }
-
- private:
-  std::map<security::ModelAliasName, int> aliases_;
-};
 
 // Returns the ErrorInfo of a failed call; the reason "no details" if it has none.
 inline v1::ErrorInfo InfoOf(const grpc::Status& status) {
@@ -181,7 +160,7 @@ class ServerTest : public ::testing::Test {
       monitoring::PrometheusMetrics::Create();
   const std::unique_ptr<security::AccessControl> access_ =
       *security::AccessControl::Create({}, *metrics_);
-  MemoryAliasStore aliases_;
+  serving::MemoryAliasStore aliases_;
   serving::FakeNetworks networks_;
   std::unique_ptr<serving::VersionStore> versions_;
   std::unique_ptr<serving::ServingTable> models_;

@@ -1,3 +1,5 @@
+// A store of aliases for tests, in place of a database.
+
 #ifndef MANEUVER_TESTS_UNIT_SERVER_SERVING_MEMORY_ALIAS_STORE_H_
 #define MANEUVER_TESTS_UNIT_SERVER_SERVING_MEMORY_ALIAS_STORE_H_
 
@@ -8,6 +10,8 @@
 
 namespace maneuver::serving {
 
+// Aliases in memory. Not thread-safe. While `broken` or `away` is set, SetAliasIf fails as with a
+// full disk or a database that cannot be reached.
 class MemoryAliasStore final : public AliasStore {
  public:
   absl::StatusOr<bool> SetAliasIf(const security::ModelAliasName& name, int version,
