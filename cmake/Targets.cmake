@@ -109,6 +109,6 @@ function(maneuver_test)
   include(GoogleTest)
   # A program that is read from the disk anew, LibTorch with it, can take longer than the five seconds
   # that CMake allows.
-  gtest_discover_tests(${target} TEST_PREFIX "${ARG_NAME}." DISCOVERY_MODE PRE_TEST
+  gtest_discover_tests(${target} TEST_PREFIX "${ARG_NAME}." DISCOVERY_MODE PRE_TEST NO_PRETTY_VALUES
     DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT ${ARG_TIMEOUT})
 endfunction()

@@ -20,7 +20,7 @@ import tempfile
 WAYS = {"1 process, 1 thread": (0, 1), "1 process, 2 threads": (0, 2), "1 rank, 1 thread": (1, 1),
         "1 rank, 2 threads": (1, 2), "2 ranks, 1 thread each": (2, 1)}
 BATCH = 64
-STEPS = {"lanes": 128, "compact": 64, "paper": 12, "resnet50": 4}
+STEPS = {"lanes": 128, "compact": 64, "paper": 12, "resnet50": 3}
 
 
 def processor_seconds(pids):
