@@ -38,9 +38,9 @@ class FileReceiver {
   using CheckRoom = std::function<absl::Status(uint64_t wanted, uint64_t arrived,
                                                const UploadStaging::Others& others)>;
 
-  // Begins or continues an upload. Errors: those of `check_room`; UNAVAILABLE if fewer bytes have
-  // arrived than `upload.arrived` says, or while an earlier upload of this id by this caller is
-  // being committed; errors of files.
+  // Begins or continues an upload. Errors: those of `check_room` and of UploadStaging::Announce;
+  // UNAVAILABLE if fewer bytes have arrived than `upload.arrived` says, or while an earlier upload
+  // of this id by this caller is being committed; errors of files.
   static absl::StatusOr<std::unique_ptr<FileReceiver>> Begin(std::shared_ptr<UploadStaging> staging,
                                                              FileUpload upload,
                                                              const CheckRoom& check_room);

@@ -81,7 +81,7 @@ class UploadStaging {
 
   // Replaces what the slot announced before, unless `refuse` returns an error. `refuse` is called
   // with the totals of the other slots. If the folder is shared, takes the turn from calls of other
-  // servers.
+  // servers; UNAVAILABLE if another server holds the lock for 5 s, and errors of files.
   absl::Status Announce(Slot& slot, const Bytes& bytes,
                         const std::function<absl::Status(const Others&)>& refuse);
   // Returns false if a call of another server has announced the slot since.
