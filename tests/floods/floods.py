@@ -34,7 +34,7 @@ SERVER_BEHIND_EDGE_MB = 64
 EDGE_MB = 64
 # Attacks that the server bounds by itself, and how far, in MB. The others need a proxy in front.
 SERVER_ALONE_MB = {"ping": 96, "settings": 32, "windows": 64, "priority": 32, "empty-data": 32, "half-messages": 64,
-                   "open-calls": 64}
+                   "open-calls": 64, "watches": 32}
 # Timing on a machine that does other things: a caller beside an attack waits at most so long for one answer, and soon
 # after the end of the attack no longer than before it.
 LONGEST_ANSWER_S = 2.0
@@ -178,7 +178,8 @@ class Trial:
         """Starts an attack from an address that has not attacked before: HAProxy remembers."""
         self.attacks += 1
         command = ["/usr/bin/python3", attacks.__file__, name, "--address", self.address, "--frames", str(self.options.frames),
-                   "--source", f"127.0.66.{self.attacks}", "--seconds", str(seconds), "--connections", str(connections)]
+                   "--source", f"127.0.66.{self.attacks}", "--seconds", str(seconds), "--connections", str(connections),
+                   "--pause", str(self.options.pause)]
         command += ["--authority", self.authority] if self.edge else []
         return subprocess.Popen(command, stdout=subprocess.PIPE)
 
@@ -288,6 +289,7 @@ def main():
     parser.add_argument("--seconds", type=float, default=3, help="at most, of each attack")
     parser.add_argument("--before", type=float, default=1, help="seconds in which nobody attacks, for comparison")
     parser.add_argument("--connections", type=int, default=1, help="of each attacker")
+    parser.add_argument("--pause", type=float, default=0, help="seconds between batches, to stay below limits of rates")
     parser.add_argument("--sources", type=int, default=1, help="attackers at once, each with an address of its own")
     parser.add_argument("--loris", type=int, default=220, help="connections of a slow loris; 0: none")
     parser.add_argument("--attacks", nargs="+", choices=list(attacks.FLOODS), default=list(attacks.FLOODS))

@@ -71,10 +71,10 @@ def digest(path):
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def wait_for(condition, what):
-    give_up = time.monotonic() + PATIENCE_S
+def wait_for(condition, what, patience=PATIENCE_S):
+    give_up = time.monotonic() + patience
     while not condition():
-        require(time.monotonic() < give_up, f"{what}: not within {PATIENCE_S} s")
+        require(time.monotonic() < give_up, f"{what}: not within {patience:.0f} s")
         time.sleep(0.02)
 
 
@@ -607,7 +607,7 @@ class Run:
             jobs = {job.name: job for job in self.server.client.list_jobs()}
             return all(job.state in ENDED for job in jobs.values())
 
-        wait_for(all_ended, "every job ends")
+        wait_for(all_ended, "every job ends", self.options.patience)
         self.check()
 
     def keep(self):
@@ -670,6 +670,7 @@ def main():
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--callers", type=int, default=3, help="at work at once")
     parser.add_argument("--longest", type=float, default=0.6, help="seconds of a round; each tenth takes three times that")
+    parser.add_argument("--patience", type=float, default=PATIENCE_S, help="seconds for the jobs that are left at the end")
     parser.add_argument("--keep", type=pathlib.Path, help="copy the data folder and the log there after a violation")
     parser.add_argument("--verbose", action="store_true", help="count calls by their answers")
     parser.add_argument("--maneuverd", type=pathlib.Path, default=BUILD / "bin" / "maneuverd")

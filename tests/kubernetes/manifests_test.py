@@ -68,7 +68,7 @@ class ManifestsTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         cls.overlays = [Overlay(path.name) for path in sorted(OVERLAYS.iterdir())
-                        if path.name not in ("shared", "shared-store", "training")]
+                        if path.name not in ("edge", "shared", "shared-store", "training")]
         assert [o.name for o in cls.overlays] == ["fleet", "fleet-tls", "one-node"]
 
     def for_each(self):
@@ -315,6 +315,52 @@ class SharedTest(unittest.TestCase):
         for role, _, pod, server in self.for_each():
             configuration, variables = self.settings(pod, server)
             self.assertIn(f"role = {role}", printed(configuration, variables).replace('"', ""))
+
+
+class EdgeTest(unittest.TestCase):
+    """HAProxy in front of the servers, with deploy/balancing/haproxy.cfg."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.objects = {o["kind"]: o for o in render("edge")}
+        cls.template = cls.objects["Deployment"]["spec"]["template"]
+        cls.pod = cls.template["spec"]
+        cls.haproxy, = cls.pod["containers"]
+        cls.variables = {v["name"]: v["value"] for v in cls.haproxy["env"]}
+
+    def test_the_service_reaches_it_and_it_reaches_the_servers(self):
+        labels = self.template["metadata"]["labels"]
+        for selector in (self.objects["Deployment"]["spec"]["selector"]["matchLabels"],
+                         self.objects["Service"]["spec"]["selector"],
+                         self.objects["NetworkPolicy"]["spec"]["podSelector"]["matchLabels"]):
+            self.assertLessEqual(selector.items(), labels.items())
+        ports = {port["name"]: port["containerPort"] for port in self.haproxy["ports"]}
+        port, = self.objects["Service"]["spec"]["ports"]
+        self.assertEqual(ports[port["targetPort"]], port["port"])
+        self.assertTrue(self.variables["MANEUVER_EDGE"].endswith(f":{port['port']}"))
+        self.assertTrue(self.variables["MANEUVER_METRICS"].endswith(f":{ports['metrics']}"))
+        servers = [o for o in render("one-node") if o["kind"] in ("Service", "NetworkPolicy")]
+        accepted = next(o for o in servers if o["kind"] == "NetworkPolicy")["spec"]["ingress"][0]
+        self.assertLessEqual(accepted["from"][0]["podSelector"]["matchLabels"].items(), labels.items())
+        for name in ("MANEUVER_REPLICA_1", "MANEUVER_REPLICA_2"):
+            service, port = self.variables[name].split(":")
+            self.assertIn((service, int(port)), [(o["metadata"]["name"], o["spec"]["ports"][0]["port"])
+                                                 for o in servers if o["kind"] == "Service"])
+        # Without it all callers have the address of a node, and share its limits.
+        self.assertEqual(self.objects["Service"]["spec"]["externalTrafficPolicy"], "Local")
+
+    def test_its_variables_are_those_of_the_configuration(self):
+        configuration = (REPOSITORY / "deploy" / "balancing" / "haproxy.cfg").read_text()
+        for name in self.variables:
+            self.assertIn(name, configuration)
+        longest = int(re.search(r"hard-stop-after (\d+)s", configuration)[1])
+        self.assertGreater(self.pod["terminationGracePeriodSeconds"], longest)
+
+    def test_it_has_no_rights_to_spare(self):
+        self.assertIs(self.pod["automountServiceAccountToken"], False)
+        self.assertIs(self.pod["securityContext"]["runAsNonRoot"], True)
+        self.assertEqual(self.haproxy["securityContext"], {"allowPrivilegeEscalation": False, "readOnlyRootFilesystem": True,
+                                                           "capabilities": {"drop": ["ALL"]}})
 
 
 def printed(configuration, variables):
