@@ -1,5 +1,5 @@
 #!/usr/bin/env node
-// Holds what kubectl kustomize makes of each overlay against the schemas of the Kubernetes API, which
+// Holds what kubectl kustomize makes of each overlay, and the objects that guides show, against the schemas of the Kubernetes API, which
 // the package kubernetes-models has as compiled validators:
 //   node tests/kubernetes/schemas.cjs [OVERLAY_FOLDER...]
 // The API's schemas let fields through that they do not know; here those are errors, too: whatever a
@@ -20,6 +20,7 @@ try {
 }
 
 const overlays = path.join(__dirname, "..", "..", "deploy", "kubernetes", "overlays");
+const guides = path.join(__dirname, "..", "..", "docs", "guides");
 
 // The same object; each path of it that is read gets into `read`.
 function watched(value, at, read) {
@@ -70,14 +71,21 @@ if (require.main === module) {
     ? process.argv.slice(2)
     : fs.readdirSync(overlays).map((name) => path.join(overlays, name));
   let failed = 0;
-  for (const folder of folders) {
-    const text = execFileSync("kubectl", ["kustomize", folder], { encoding: "utf8", stdio: ["ignore", "pipe", "ignore"] });
+  const check = (name, text) => {
     for (const object of yaml.loadAll(text)) {
       const faults = faultsOf(object);
       failed += faults.length;
-      console.log(`${path.basename(folder)} ${object.kind} ${object.metadata.name}: ${faults.length ? "" : "valid"}`);
+      console.log(`${name} ${object.kind} ${object.metadata.name}: ${faults.length ? "" : "valid"}`);
       for (const fault of faults) console.log(`  ${fault}`);
     }
+  };
+  for (const folder of folders) {
+    check(path.basename(folder),
+      execFileSync("kubectl", ["kustomize", folder], { encoding: "utf8", stdio: ["ignore", "pipe", "ignore"] }));
+  }
+  for (const guide of fs.readdirSync(guides)) {
+    const page = fs.readFileSync(path.join(guides, guide), "utf8");
+    for (const [, text] of page.matchAll(/^```yaml\n(apiVersion:.*?)^```$/gms)) check(guide, text);
   }
   process.exit(failed ? 1 : 0);
 }

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Several tasks of a Slurm job learn one model, on a cluster of two nodes that this test starts.
+"""Several tasks of a Slurm job learn one model, or tag, on a cluster of two nodes that this test starts.
 
   tests/ranks/slurm_test.py --maneuver PROGRAM --trainer PROGRAM
 """
@@ -7,7 +7,9 @@
 import argparse
 import os
 import pathlib
+import re
 import signal
+import subprocess
 import sys
 import tempfile
 import unittest
@@ -17,6 +19,7 @@ from slurm_cluster import SlurmCluster, missing_programs, wait_for
 from training import Training
 
 SCRIPT = pathlib.Path(__file__).resolve().parent.parent.parent / "deploy" / "slurm" / "train.sbatch"
+GUIDE = SCRIPT.parent.parent.parent / "docs" / "guides" / "tagging.md"
 options = argparse.Namespace(maneuver=None, trainer=None)
 
 
@@ -104,6 +107,29 @@ class SlurmTest(unittest.TestCase):
         weights = {seed: (folder / "models" / str(seed) / "weights.safetensors") for seed in (1, 2)}
         self.assertTrue(all(file.exists() for file in weights.values()), logs)
         self.assertNotEqual(weights[1].read_bytes(), weights[2].read_bytes())
+
+    def test_an_array_tags_as_one_process_does(self):
+        """By the script of the guide, with three tasks and other paths."""
+        folder = self.training.folder
+        (folder / "recordings").mkdir()
+        for seed in range(4):
+            subprocess.run([options.maneuver, "synthesize", folder / "recordings" / f"d{seed}", "--recordings", "1",
+                            "--seed", str(seed)], check=True, capture_output=True)
+        script = re.search(r"^```sh\n(#SBATCH --array=.*?)^```$", GUIDE.read_text(), re.MULTILINE | re.DOTALL)[1]
+        for written, here in (("0-15", "0-2"), ("/16", "/3"), ("--cpus-per-task=8", "--cpus-per-task=1"),
+                              ("maneuver tag", f"{options.maneuver} tag"), ("/data/recordings", f"{folder}/recordings"),
+                              ("town-3", f"{folder}/one"), ("/data/tags", f"{folder}/tags")):
+            self.assertIn(written, script)
+            script = script.replace(written, here)
+        (folder / "tag.sbatch").write_text("#!/bin/sh\n" + script)
+        job = self.submit("--output", str(folder / "tag.%a.log"), str(folder / "tag.sbatch"))
+        wait_for(lambda: not self.cluster.run("squeue", "-h", "-j", job).strip(), 240, "the array does not end")
+        logs = "".join((folder / f"tag.{task}.log").read_text() for task in range(3))
+        subprocess.run([options.maneuver, "tag", *sorted((folder / "recordings").iterdir()), "--model", folder / "one",
+                        "-o", folder / "alone"], check=True, capture_output=True)
+        tags = {file.name: file.read_bytes() for file in (folder / "tags").iterdir()}
+        self.assertEqual(tags, {file.name: file.read_bytes() for file in (folder / "alone").iterdir()}, logs)
+        self.assertEqual(len(tags), 1 + 2 * 4, logs)
 
 
 if __name__ == "__main__":
