@@ -11,6 +11,7 @@
 
 #include "server/jobs/open_store.h"
 #include "server/jobs/sqlite_store.h"
+#include "server/jobs/worker_capacity.h"
 #include "tests/postgresql/shared_cluster.h"
 #include "tests/unit/server/jobs/store_suite.h"
 #include "tests/unit/temporary_folder.h"
@@ -95,6 +96,37 @@ TEST_F(StoreCopyTest, AServerOverTheCopyFindsEverythingAndGoesOn) {
   ASSERT_TRUE((*store)->Add(PendingJob("new"), "", "").ok());
   EXPECT_EQ((*store)->List(1, "")->jobs.front().name(), "jobs/new");
   EXPECT_EQ((*store)->List(1, "")->next_page_token, "6");
+}
+
+TEST_F(StoreCopyTest, ACopiedJobWaitsForAServerThatCanRunIt) {
+  {
+    auto store = OpenStore(data_dir(), "");
+    ASSERT_TRUE(store.ok()) << store.status();
+    v1::Job job = PendingJob("on-gpu");
+    job.mutable_train()->set_priority(9);
+    job.mutable_train()->set_ranks(2);
+    job.mutable_train()->mutable_settings()->set_device("cuda");
+    job.mutable_memory()->set_total_bytes(1'000);
+    ASSERT_TRUE((*store)->Add(job, "", "").ok());
+  }
+  ASSERT_TRUE(CopyStore(data_dir(), address_).ok());
+  auto store = OpenStore(data_dir(), address_);
+  ASSERT_TRUE(store.ok()) << store.status();
+  const auto begin = [](v1::Job&) {};
+  const auto other = (*store)->Claim(begin, WorkerCapacity{.devices = {"cpu"}});
+  ASSERT_TRUE(other.ok() && *other) << other.status();
+  EXPECT_EQ((*other)->job.name(), "jobs/d");
+  for (const WorkerCapacity& small :
+       {WorkerCapacity{.devices = {"cpu"}}, WorkerCapacity{.devices = {"cuda"}, .ranks = 1},
+        WorkerCapacity{.devices = {"cuda"}, .memory_bytes = 1'999}}) {
+    const auto none = (*store)->Claim(begin, small);
+    ASSERT_TRUE(none.ok()) << none.status();
+    EXPECT_FALSE(none->has_value());
+  }
+  const auto claimed = (*store)->Claim(
+      begin, WorkerCapacity{.devices = {"cuda"}, .ranks = 2, .memory_bytes = 2'000});
+  ASSERT_TRUE(claimed.ok() && *claimed) << claimed.status();
+  EXPECT_EQ((*claimed)->job.name(), "jobs/on-gpu");
 }
 
 TEST_F(StoreCopyTest, AFolderIsNeverServedByAStoreThatDoesNotKnowItsJobs) {
