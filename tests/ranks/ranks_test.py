@@ -1,13 +1,16 @@
 #!/usr/bin/python3
 """Several processes learn one model: with the bits of one process, whatever happens to them on the way.
 
-  tests/ranks/ranks_test.py --maneuver PROGRAM --trainer PROGRAM [--kills N] [--job-kills N]
+  tests/ranks/ranks_test.py --maneuver PROGRAM --trainer PROGRAM [--kills N] [--job-kills N] [--seed N]
 
-maneuverd must lie beside the trainer.
+maneuverd must lie beside the trainer. A loop of 60 kills in one test alone:
+
+  ... --job-kills 60 RanksTest.test_a_job_of_two_ranks_survives_kills_of_its_ranks_and_of_its_server
 """
 
 import argparse
 import collections
+import contextlib
 import itertools
 import json
 import os
@@ -24,7 +27,8 @@ from training import (Training, children_of, descendants_of, end, rank_of, wait_
                        wait_for_phase_of_job, wait_until_gone)
 
 RANK_LOST = 83
-options = argparse.Namespace(maneuver=None, trainer=None, kills=0, job_kills=0)
+PHASES = ("load", "pretrain", "place", "mixture", "joint", "posterior", "calibrate", "export")
+options = argparse.Namespace(maneuver=None, trainer=None, kills=0, job_kills=0, seed=1)
 
 
 class RanksTest(unittest.TestCase):
@@ -91,14 +95,15 @@ class RanksTest(unittest.TestCase):
         """With --job-kills: until so many of random kinds, at random moments, up to four in each job."""
         server = self.training.serve_with_impatient_ranks()
         self.addCleanup(server.close)
-        draw = random.Random(2)
+        draw = random.Random(options.seed)
         kinds = ("kills of a rank", "frozen ranks", "kills of the server")
-        moments = (("load", 0), ("pretrain",), ("joint",), ("joint", 3), ("posterior",))
-        counts, hurt = collections.Counter(), set()
+        counts, phases, hurt = collections.Counter(), collections.Counter(), set()
 
-        def disturb(job, kind, moment):
-            if not wait_for_phase_of_job(server, job, *moment):
+        def disturb(job, kind, phase, epoch):
+            if not wait_for_phase_of_job(server, job, phase, epoch):
                 return False
+            if options.job_kills:
+                time.sleep(draw.uniform(0.0, 0.3))  # anywhere in the phase
             if kind == kinds[2]:
                 server.kill()
                 server.start()
@@ -106,24 +111,59 @@ class RanksTest(unittest.TestCase):
                                       signal.SIGKILL if kind == kinds[0] else signal.SIGSTOP, hurt):
                 return False
             counts[kind] += 1
+            phases[phase] += 1
             return True
 
         for number in range(max(1, options.job_kills)):
-            plan = zip(kinds, (("joint",), ("joint", 2), ("joint", 3)))
+            plan = zip(kinds, ("joint",) * 3, (1, 2, 3))
             if options.job_kills:
-                plan = [(draw.choice(kinds), draw.choice(moments))
-                        for _ in range(min(4, options.job_kills - counts.total()))]
+                most = min(4, options.job_kills - counts.total())
+                plan = [(draw.choice(kinds), phase, draw.randint(1, 4) if phase == "joint" else 0)
+                        for phase in sorted(draw.choices(PHASES, k=most), key=PHASES.index)]
             job = self.training.start_job(server, f"town-{number}", 2)
-            for kind, moment in plan:
-                if not disturb(job, kind, moment):
+            for moment in plan:
+                if not disturb(job, *moment):
                     break  # it has ended
             server.maneuver("job", "watch", job)
             weights = self.training.weights_of_version(server, f"town-{number}")
             self.assertEqual(weights, self.training.weights("undisturbed"))
             if options.job_kills:
-                print(f"{dict(counts)}, weights {weights[:16]}", flush=True)
+                print(f"seed {options.seed}: {counts.total()} in {number + 1} jobs: {dict(counts)}, {dict(phases)}, "
+                      f"weights {weights[:16]}", flush=True)
             if counts.total() >= options.job_kills:
                 break
+
+    def end_of_a_long_job(self, *flags):
+        """Runs a job of two ranks, and cancels it once both run, unless flags are given to the server.
+
+        Returns its last state as text, and whether both ran.
+        """
+        ran, seen = False, set()
+        with contextlib.closing(self.training.serve_with_impatient_ranks(*flags)) as server:
+            job = self.training.start_job(server, "long", 2, "--set", "optimization.joint_epochs=10000")
+            while True:
+                pids = descendants_of(server.pid)
+                seen.update(pids)
+                if not ran and {0, 1} <= {rank_of(pid) for pid in pids}:
+                    ran = True
+                    if not flags:
+                        server.maneuver("job", "cancel", job)
+                shown = server.maneuver("job", "show", job, "--output", "json")
+                if json.loads(shown)["state"] not in ("JOB_STATE_PENDING", "JOB_STATE_RUNNING"):
+                    break
+            wait_until_gone(seen, patience_s=5)
+            self.assertEqual(json.loads(server.maneuver("model", "list", "--output", "json"))["modelVersions"], [])
+        return shown, ran
+
+    def test_cancelling_a_job_and_its_time_limit_end_all_ranks_and_leave_no_model(self):
+        shown, _ = self.end_of_a_long_job()
+        self.assertEqual(json.loads(shown)["state"], "JOB_STATE_CANCELLED")
+        for limit in (2, 10, 60):
+            shown, ran = self.end_of_a_long_job("--job-time-limit", str(limit))
+            self.assertIn("WALL_TIME_EXCEEDED", shown)
+            if ran:
+                break  # otherwise the machine is busy
+        self.assertTrue(ran)
 
     def test_killed_frozen_and_stopped_ranks_end_in_time_and_the_next_run_goes_on(self):
         def kill(_, pids):
@@ -235,5 +275,6 @@ if __name__ == "__main__":
     parser.add_argument("--trainer", required=True)
     parser.add_argument("--kills", type=int, default=0)
     parser.add_argument("--job-kills", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=1, help="of --job-kills")
     _, rest = parser.parse_known_args(namespace=options)
     unittest.main(argv=[sys.argv[0], *rest])

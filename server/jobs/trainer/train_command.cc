@@ -2,6 +2,8 @@
 
 #include <unistd.h>
 
+#include <algorithm>
+#include <chrono>
 #include <ctime>
 #include <iostream>
 
@@ -24,6 +26,9 @@
 
 namespace maneuver::trainer {
 namespace {
+
+// The least time that the ranks of one machine have to start. A busy machine needs some of it.
+constexpr std::chrono::milliseconds kLocalStart{60'000};
 
 // Every violation in one message; OK if there are none.
 absl::Status Refuse(const std::vector<scene::FieldViolation>& violations) {
@@ -202,6 +207,10 @@ absl::Status TrainCommand::Train() const {
   run.rank = *rank;
   const bool leads = !run.rank || run.rank->rank == 0;
   run.rank_timeout = std::chrono::milliseconds(static_cast<int64_t>(1000.0 * rank_timeout_));
+  // Ranks of one machine are started together, those of several perhaps not.
+  if (run.rank && run.rank->local_ranks == run.rank->ranks) {
+    run.rank_join_timeout = std::max(run.rank_timeout, kLocalStart);
+  }
   absl::Status valid = Refuse(artifact::ValidateTrainingSettings(run.settings));
   if (!valid.ok()) return valid;
   if (std::error_code ignored; std::filesystem::exists(output_, ignored)) {
