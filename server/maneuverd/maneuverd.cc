@@ -240,7 +240,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   if (!models.ok()) return models.status();
 
   serving::MemoryBudget memory(options.memory_limit, *metrics);
-  const auto room = [&memory] { return memory.Admit(); };
+  const auto room = [&memory](int64_t request_bytes) { return memory.AdmitRequest(request_bytes); };
   // Outlives the calls, which hold shares of it.
   serving::SendMemory send_memory(options.sends, *metrics, &memory);
   serving::BatchScheduler scheduler(options.scheduler, *metrics);

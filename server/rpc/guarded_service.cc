@@ -105,7 +105,12 @@ class GuardedHandler final : public MethodHandler {
   void RunHandler(const HandlerParameter& call) override {
     absl::Status status = access_.Admit(method_, CredentialsOf(*call.server_context));
     if (status.ok()) status = refusal_;
-    if (status.ok() && room_) status = room_();
+    std::shared_ptr<const void> kept;  // until the request is parsed
+    if (status.ok() && room_) {
+      auto room = room_(RequestBytes(call));
+      status = room.status();
+      if (room.ok()) kept = *std::move(room);
+    }
     if (status.ok() && worth_ && type_ == RpcMethod::NORMAL_RPC) {
       status = worth_(method_, DeadlineOf(*call.server_context),
                       Shared(static_cast<grpc_byte_buffer*>(call.request)));
@@ -119,6 +124,13 @@ class GuardedHandler final : public MethodHandler {
   }
 
  private:
+  // Returns the size of the single request; 0 if the call streams its requests, or has none.
+  int64_t RequestBytes(const HandlerParameter& call) const {
+    if (type_ != RpcMethod::NORMAL_RPC && type_ != RpcMethod::SERVER_STREAMING) return 0;
+    auto* request = static_cast<grpc_byte_buffer*>(call.request);
+    return request == nullptr ? 0 : static_cast<int64_t>(grpc_byte_buffer_length(request));
+  }
+
   void Run(MethodHandler& handler, const HandlerParameter& call) {
     grpc::Status status = call.status;
     void* data = nullptr;

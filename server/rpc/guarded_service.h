@@ -9,6 +9,7 @@
 #include <grpcpp/support/byte_buffer.h>
 
 #include <chrono>
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <string>
@@ -37,9 +38,11 @@ struct NamedService {
   // If this is an error, every call of a caller who is admitted ends with it, and health says
   // NOT_SERVING.
   absl::Status refusal = {};
-  // Refuses calls while the server has no room for what they need. Called for each call but those
-  // that stop or remove something. Empty: no call is refused.
-  std::function<absl::Status()> room = {};
+  // Refuses calls while the server has no room for what they need: returns an error, or what is kept
+  // until the call's single request is parsed. Called for each call but those that stop or remove
+  // something, with the bytes of that request, or 0 if the call streams its requests. Empty: no call
+  // is refused.
+  std::function<absl::StatusOr<std::shared_ptr<const void>>(int64_t request_bytes)> room = {};
 };
 
 // Register it instead of the service that it guards. The generated code has no place for such a

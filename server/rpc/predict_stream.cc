@@ -178,6 +178,9 @@ absl::Status PredictStream::Start(const std::shared_ptr<Entry>& entry) {
   absl::Status status =
       context_.scheduler.CheckWait(serving::Priority::kInteractive, outline->targets, deadline);
   if (!status.ok()) return status;
+  // Kept until it is parsed.
+  const auto room = context_.send_memory.AdmitRequest(static_cast<int64_t>(entry->size));
+  if (!room.ok()) return room.status();
   if (!grpc::SerializationTraits<v1::StreamPredictRequest>::Deserialize(&entry->bytes, &request)
            .ok()) {
     return NoMessage();

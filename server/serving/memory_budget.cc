@@ -18,6 +18,11 @@ constexpr std::chrono::milliseconds kInterval{20};
 // It holds up every thread that allocates.
 constexpr std::chrono::seconds kBetweenFreeing{1};
 constexpr std::chrono::milliseconds kDelayWhenFull{200};
+// Smaller requests are seen soon enough once they take memory.
+constexpr int64_t kLargeRequest = int64_t{64} << 10;
+// A scene of many small messages takes four to five times its bytes on the wire once it is parsed,
+// and as much again for what is derived from it.
+constexpr int64_t kParsedFactor = 8;
 
 // Resident pages that belong to no file: what a control group counts and cannot drop.
 // /proc/self/statm is "size resident shared ...", in pages; shared ones belong to files.
@@ -60,8 +65,30 @@ MemoryBudget::~MemoryBudget() {
   if (thread_.joinable()) thread_.join();
 }
 
-absl::Status MemoryBudget::Admit() {
-  if (!is_full_) return absl::OkStatus();
+absl::Status MemoryBudget::Admit() { return is_full_ ? Refuse() : absl::OkStatus(); }
+
+absl::StatusOr<std::shared_ptr<const void>> MemoryBudget::AdmitRequest(int64_t bytes) {
+  if (is_full_) return Refuse();
+  if (limit_ <= 0 || bytes < kLargeRequest) return std::shared_ptr<const void>();
+  const int64_t needed = kParsedFactor * bytes;
+  {
+    const MutexLock lock(reserving_);
+    const double most = kAdmitted * static_cast<double>(limit_);
+    if (static_cast<double>(used_() + reserved_ + needed) <= most) {
+      reserved_ += needed;
+      return std::shared_ptr<const void>(this, [this, needed](const void*) { Release(needed); });
+    }
+  }
+  is_short_ = true;
+  return Refuse();
+}
+
+void MemoryBudget::Release(int64_t bytes) {
+  const MutexLock lock(reserving_);
+  reserved_ -= bytes;
+}
+
+absl::Status MemoryBudget::Refuse() {
   refusals_->Increment();
   return errors::WithRetryDelay(
       errors::WithReason(absl::ResourceExhaustedError(
@@ -76,9 +103,10 @@ void MemoryBudget::Look() {
   const double most = kAdmitted * static_cast<double>(limit_);
   auto used = static_cast<double>(used_());
   const auto now = std::chrono::steady_clock::now();
-  if (used > most && now >= may_free_from_) {
-    is_full_ = true;
+  if ((used > most || is_short_) && now >= may_free_from_) {
+    is_full_ = used > most;
     free_unused_();
+    is_short_ = false;
     may_free_from_ = now + kBetweenFreeing;
     used = static_cast<double>(used_());
   }

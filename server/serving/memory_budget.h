@@ -9,10 +9,12 @@
 #include <chrono>
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <thread>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "locks/mutex.h"
 #include "locks/stop_latch.h"
 #include "server/monitoring/metrics.h"
@@ -39,12 +41,19 @@ class MemoryBudget {
   // delay. Takes no lock.
   absl::Status Admit();
 
-  // Looks at the memory now. If it is full, frees what is unused, at most once a second, and looks
-  // again.
+  // The same for a call with a request of `bytes` on the wire. A large one takes several times that
+  // once it is parsed, which must fit as well. Keep the result until then: it reserves the memory
+  // while nobody can see it yet. It must not outlive this object.
+  absl::StatusOr<std::shared_ptr<const void>> AdmitRequest(int64_t bytes);
+
+  // Looks at the memory now. If it is full, or a call was refused, frees what is unused, at most
+  // once a second, and looks again.
   void Look();
 
  private:
   void Watch();
+  absl::Status Refuse();
+  void Release(int64_t bytes);
 
   const int64_t limit_;
   const std::function<int64_t()> used_;
@@ -52,8 +61,11 @@ class MemoryBudget {
   monitoring::Gauge* used_gauge_ = nullptr;
   monitoring::Counter* refusals_ = nullptr;
   std::atomic<bool> is_full_ = false;
+  std::atomic<bool> is_short_ = false;  // a large request did not fit
   Mutex looking_;
   std::chrono::steady_clock::time_point may_free_from_ ABSL_GUARDED_BY(looking_){};
+  Mutex reserving_;
+  int64_t reserved_ ABSL_GUARDED_BY(reserving_) = 0;
   StopLatch stop_;
   std::thread thread_;
 };

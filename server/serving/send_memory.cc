@@ -85,6 +85,11 @@ absl::StatusOr<SendMemory::Share> SendMemory::Reserve(int64_t bytes, int64_t tar
       kRetryDelay);
 }
 
+absl::StatusOr<std::shared_ptr<const void>> SendMemory::AdmitRequest(int64_t bytes) {
+  if (budget_ == nullptr) return std::shared_ptr<const void>();
+  return budget_->AdmitRequest(bytes);
+}
+
 void SendMemory::Release(int64_t bytes) {
   const MutexLock lock(mutex_);
   used_ -= bytes;

@@ -6,6 +6,7 @@
 #define MANEUVER_SERVER_SERVING_SEND_MEMORY_H_
 
 #include <cstdint>
+#include <memory>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/statusor.h"
@@ -54,6 +55,8 @@ class SendMemory {
   //   RESPONSE_TOO_LARGE: more than max_response_bytes; the message says what to request instead.
   //   SEND_MEMORY_FULL: answers that callers have not read leave no room; has a retry delay.
   absl::StatusOr<Share> Reserve(int64_t bytes, int64_t targets);
+  // MemoryBudget::AdmitRequest of the budget; OK without one.
+  absl::StatusOr<std::shared_ptr<const void>> AdmitRequest(int64_t bytes);
 
  private:
   void Release(int64_t bytes);

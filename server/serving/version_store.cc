@@ -252,7 +252,13 @@ absl::StatusOr<ModelVersionName> VersionStore::Publish(const std::string& model,
   if (!number.ok()) return number.status();
   const ModelVersionName name{model, *number};
   if (absl::Status status = check(name); !status.ok()) return status;
-  if (absl::Status status = MoveIn(name, finished, maker.name); !status.ok()) return status;
+  if (absl::Status status = MoveIn(name, finished, maker.name); !status.ok()) {
+    // If only syncing failed, the folder is in place: nobody may see it, and it would be in the way
+    // of the next version.
+    std::error_code ignored;
+    if (!fs::exists(finished, ignored)) fs::rename(FolderOf(name), finished, ignored);
+    return status;
+  }
   if (ledger_ != nullptr) {
     const absl::Status status = ledger_->Announce(name, maker);
     // If the ledger is away, it may have heard: the folder stays for it.
@@ -300,9 +306,10 @@ absl::Status VersionStore::Delete(const ModelVersionName& name) {
   if (absl::Status status = CheckExists(name); !status.ok()) return status;
   absl::Status status = ledger_ != nullptr ? ledger_->Retract(name) : RememberNumber(name);
   if (status.ok()) status = MoveOut(name);
-  if (!status.ok()) return status;
-  Forget(name);
-  return absl::OkStatus();
+  // If only syncing failed, the folder is gone from its place.
+  std::error_code ignored;
+  if (!fs::exists(FolderOf(name), ignored)) Forget(name);
+  return status;
 }
 
 absl::Status VersionStore::RememberNumber(const ModelVersionName& name) const {

@@ -58,6 +58,31 @@ TEST_F(MemoryBudgetTest, FreesAtMostOnceASecond) {
   EXPECT_EQ(freed_, 1);
 }
 
+constexpr int64_t kLarge = 100'000;  // bytes of a request
+
+// Parsed, a request takes several times its size; until then nobody sees that.
+TEST(MemoryLimitTest, LargeRequestsThatAreParsedAtOnceMustFitTogether) {
+  int64_t used = 0;
+  int freed = 0;
+  MemoryBudget budget(
+      20 * kLarge, [&used] { return used; }, [&freed] { ++freed; },
+      monitoring::MetricRegistry::Null());
+  auto first = budget.AdmitRequest(kLarge);
+  ASSERT_TRUE(first.ok()) << first.status();
+  auto second = budget.AdmitRequest(kLarge);
+  ASSERT_TRUE(second.ok()) << second.status();
+  EXPECT_EQ(errors::ReasonOf(budget.AdmitRequest(kLarge).status()), "MEMORY_FULL");
+  EXPECT_TRUE(budget.AdmitRequest(1000).ok()) << "small ones pass";
+  // Perhaps what is used was freed and can be given back.
+  budget.Look();
+  EXPECT_EQ(freed, 1);
+  *first = nullptr;
+  EXPECT_TRUE(budget.AdmitRequest(kLarge).ok());
+  *second = nullptr;
+  used = 10 * kLarge;
+  EXPECT_EQ(errors::ReasonOf(budget.AdmitRequest(kLarge).status()), "MEMORY_FULL");
+}
+
 TEST_F(MemoryBudgetTest, RefusesAnswersTooWhichIncludesThoseOfStreams) {
   SendMemory answers({}, *metrics_, &budget_);
   EXPECT_TRUE(answers.Reserve(10, 1).ok());
