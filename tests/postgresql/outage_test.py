@@ -254,6 +254,7 @@ def main():
             (work / "disk").mkdir()
             volume = Volume(work / "disk", work / "data")
         fleet = SharingFleet(options, work, in_network)
+        fleet.check_sessions()
         fleet.settings = dict(SETTINGS, optimization=dict(SETTINGS["optimization"], joint_epochs=20))
         dataset = fleet.make_dataset("town", 8)
         scene = maneuver.load_scenario(fleet.make_scene(dataset))

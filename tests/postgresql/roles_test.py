@@ -115,8 +115,10 @@ def run(options, work, fleet, cluster):
     alone = subprocess.run([options.maneuverd, "--data-dir", fleet.data, "--role", "work"], capture_output=True, text=True)
     check(alone.returncode == 2 and "--role work needs --shared" in alone.stderr, alone.stderr)
 
-    api, serve = fleet.start("api", "api"), fleet.start("serve", "serve")
-    api.maneuver("synthesize", work / "town", "--recordings", 8)
+    subprocess.run([options.maneuver, "synthesize", work / "town", "--recordings", "8"], check=True, capture_output=True)
+    size = sum(shard.stat().st_size for shard in (work / "town").glob("*.tfrecord*"))
+    quota = ("--dataset-quota", str(size * 3 // 2))
+    api, serve = fleet.start("api", "api", *quota), fleet.start("serve", "serve", *quota)
     scene = work / "scene.json"
     name = re.search('"(town-[^"]*)"', api.maneuver("scenario", "list", work / "town"))[1]
     api.maneuver("scenario", "extract", work / "town", name, "--out", scene)
@@ -131,6 +133,9 @@ def run(options, work, fleet, cluster):
     wait_for(lambda: replicas(fleet, api, "small") == {"serve": "serving 1"}, "each knows what the others have loaded")
 
     serve.maneuver("dataset", "upload", work / "town", "town")
+    refused = api.ask("dataset", "upload", work / "town", "again")
+    check(refused.returncode != 0 and "DATASET_QUOTA" in refused.stdout + refused.stderr,
+          f"the quota counts what came through another server: {refused.stdout}{refused.stderr}")
     calm, said = fleet.train(serve, "calm")
     check("waits: no server can run it: no server that runs jobs is up" in said, said)
     check("no server that runs jobs is up" in api.job(calm)["error"]["message"], api.job(calm))
