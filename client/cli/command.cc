@@ -65,7 +65,8 @@ std::string DidYouMean(const std::string& word, CLI::App* group) {
 
 // Names the word that is not a command; empty if there is none.
 //   root: has parsed the arguments
-std::string UnknownCommand(CLI::App* root) {
+//   elsewhere: other programs by the command that they have
+std::string UnknownCommand(CLI::App* root, const std::map<std::string, std::string>& elsewhere) {
   CLI::App* group = root;
   std::string path = root->get_name();
   while (!group->get_subcommands().empty()) {
@@ -75,7 +76,11 @@ std::string UnknownCommand(CLI::App* root) {
   if (CommandsOf(group).empty()) return "";
   for (const std::string& word : root->remaining(/*recurse=*/true)) {
     if (word.starts_with("-")) continue;
-    return path + " has no command " + word + DidYouMean(word, group);
+    const std::string unknown = path + " has no command " + word;
+    if (const auto found = elsewhere.find(word); group == root && found != elsewhere.end()) {
+      return unknown + "; " + found->second + " has: " + found->second + " " + word + " --help";
+    }
+    return unknown + DidYouMean(word, group);
   }
   return "";
 }
@@ -236,13 +241,13 @@ CommandLine::CommandLine(const std::string& summary, const std::string& name,
   app_->set_help_flag("-h,--help", "Print this help");
   app_->set_version_flag("--version", name + " " + version, "Print the version");
   app_->get_formatter()->column_width(36);
-  app_->failure_message([root = app_.get()](const CLI::App* app, const CLI::Error& error) {
+  app_->failure_message([this](const CLI::App* app, const CLI::Error& error) {
     const auto commands = app->get_subcommands();
     std::string path = app->get_name();
     for (auto used = commands; !used.empty(); used = used.front()->get_subcommands()) {
       path += " " + used.front()->get_name();
     }
-    const std::string unknown = UnknownCommand(root);
+    const std::string unknown = UnknownCommand(app_.get(), elsewhere_);
     return (unknown.empty() ? error.what() : unknown) + "\nTry: " + path + " --help\n";
   });
 }
@@ -262,7 +267,7 @@ int CommandLine::Run(std::vector<std::string> arguments, std::ostream& out, std:
   try {
     app_->parse(std::move(arguments));
   } catch (const CLI::CallForHelp& help) {
-    if (UnknownCommand(app_.get()).empty()) return app_->exit(help, out, err);
+    if (UnknownCommand(app_.get(), elsewhere_).empty()) return app_->exit(help, out, err);
     app_->exit(CLI::ExtrasError(app_->remaining(/*recurse=*/true)), out, err);
     return kUsage;
   } catch (const CLI::ParseError& error) {

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <functional>
 #include <iosfwd>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -99,6 +100,11 @@ class CommandLine {
   Command root();
   // Sets a function that runs after the options are read and before the command.
   void BeforeCommand(std::function<void()> prepare) { prepare_ = std::move(prepare); }
+  // Says that another program has this command. An error about the unknown word names it.
+  //   program: such as "maneuverd"
+  void NameElsewhere(const std::string& command, const std::string& program) {
+    elsewhere_[command] = program;
+  }
   // Returns all commands and their options.
   CommandEntry Describe() const;
   // Parses the arguments (without the program's name) and runs the command that they name. Returns
@@ -110,6 +116,7 @@ class CommandLine {
   std::unique_ptr<CLI::App> app_;
   std::function<int()> chosen_;
   std::function<void()> prepare_;
+  std::map<std::string, std::string> elsewhere_;  // program by command
 };
 
 }  // namespace maneuver::cli

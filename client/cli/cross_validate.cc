@@ -1,7 +1,6 @@
 // maneuver cross-validate: measure settings, each recording by a model that did not learn from it.
 
 #include <memory>
-#include <ostream>
 
 #include "client/cli/commands.h"
 #include "client/cli/job_display.h"
@@ -67,18 +66,7 @@ int CrossValidate(const CrossValidateArguments& arguments, Environment& environm
     PrintValid(*job, environment);
     return kOk;
   }
-  SayIfItWaits(*job, environment);
-  if (arguments.detach) {
-    if (environment.json()) {
-      environment.PrintJson(*job);
-    } else {
-      environment.out << job->name() << "\n";
-      environment.err << "Watch it with: maneuver job watch " << ShortName(job->name()) << "\n";
-    }
-    return kOk;
-  }
-  environment.err << job->name() << " cross-validates; Ctrl-C stops watching\n";
-  return WatchToEnd(job->name(), environment);
+  return ShowStarted(*job, "cross-validates", arguments.detach, environment);
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include <memory>
 #include <ostream>
 
+#include "absl/strings/str_cat.h"
 #include "client/cli/commands.h"
 #include "client/cli/figures.h"
 #include "client/cli/job_display.h"
@@ -47,19 +48,10 @@ int Evaluate(const EvaluateArguments& arguments, Environment& environment) {
     PrintValid(*job, environment);
     return kOk;
   }
-  SayIfItWaits(*job, environment);
-  if (arguments.detach) {
-    if (environment.json()) {
-      environment.PrintJson(*job);
-    } else {
-      environment.out << job->name() << "\n";
-    }
-    return kOk;
-  }
-  environment.err << job->name() << " measures " << request.model() << " on " << request.dataset()
-                  << "; Ctrl-C stops watching\n";
-  const int watched = WatchToEnd(job->name(), environment);
-  if (watched != kOk) return watched;
+  const int watched =
+      ShowStarted(*job, absl::StrCat("measures ", request.model(), " on ", request.dataset()),
+                  arguments.detach, environment);
+  if (watched != kOk || arguments.detach) return watched;
   const int reported = arguments.report.any()
                            ? WriteReportOfWatched(job->name(), arguments.report, environment)
                            : kOk;

@@ -197,6 +197,7 @@ int Resume(const std::string& name, bool detach, Environment& environment) {
     environment.PrintJson(*job);
   } else {
     environment.out << job->name() << " is " << StateName(job->state()) << "\n";
+    SayHowToWatch(job->name(), environment);
   }
   return kOk;
 }

@@ -239,9 +239,26 @@ int PrintOutcome(const v1::Job& job, Environment& environment) {
   return kOk;
 }
 
-void SayIfItWaits(const v1::Job& job, Environment& environment) {
-  if (job.state() != v1::JOB_STATE_PENDING || !job.has_error()) return;
-  environment.err << job.name() << " waits: " << job.error().message() << "\n";
+int ShowStarted(const v1::Job& job, const std::string& doing, bool detach,
+                Environment& environment) {
+  if (job.state() == v1::JOB_STATE_PENDING && job.has_error()) {
+    environment.err << job.name() << " waits: " << job.error().message() << "\n";
+  }
+  if (!detach) {
+    environment.err << job.name() << " " << doing << "; Ctrl-C stops watching\n";
+    return WatchToEnd(job.name(), environment);
+  }
+  if (environment.json()) {
+    environment.PrintJson(job);
+  } else {
+    environment.out << job.name() << "\n";
+    SayHowToWatch(job.name(), environment);
+  }
+  return kOk;
+}
+
+void SayHowToWatch(const std::string& job, Environment& environment) {
+  environment.err << "Watch it with: maneuver job watch " << ShortName(job) << "\n";
 }
 
 int WatchToEnd(const std::string& job, Environment& environment) {

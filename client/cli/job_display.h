@@ -31,8 +31,15 @@ std::string HeldOutText(const v1::ModelManifest& manifest, bool color);
 // else kFailed.
 int WatchToEnd(const std::string& job, Environment& environment);
 
-// Says why no server can run a new job now, if none can.
-void SayIfItWaits(const v1::Job& job, Environment& environment);
+// Shows a job that has just been started. Says why no server can run it now, if none can. Then
+// follows it with WatchToEnd; or, if `detach`, prints its name and how to watch it.
+//   doing: such as "trains models/town"
+// Returns kOk if detached, else what WatchToEnd returns.
+int ShowStarted(const v1::Job& job, const std::string& doing, bool detach,
+                Environment& environment);
+
+// Names the command that watches a job.
+void SayHowToWatch(const std::string& job, Environment& environment);
 
 // Returns whether the version of a job was promoted, why, and by which figures, as whole lines;
 // empty while this is not known.

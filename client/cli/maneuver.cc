@@ -73,6 +73,10 @@ int RunManeuver(const std::vector<std::string>& arguments, Environment& environm
   root.Exclude("--quiet", "--verbose");
   root.Choice("--progress", &environment.progress, {"auto", "json", "none"},
               "auto: drawn on a terminal; json: a line of JSON on standard error for each step");
+  for (const char* command : {"token", "store", "repair"}) line.NameElsewhere(command, "maneuverd");
+  for (const char* command : {"prune", "match-actions"}) {
+    line.NameElsewhere(command, "maneuver-trainer");
+  }
   line.BeforeCommand([&environment] { environment.TakeOptions(); });
   AddSynthesize(root, environment);
   AddImport(root, environment);

@@ -1,9 +1,9 @@
 // maneuver recalibrate: fit the widths of a version again.
 
 #include <memory>
-#include <ostream>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
 #include "client/cli/commands.h"
 #include "client/cli/job_display.h"
 #include "client/cli/promotion_options.h"
@@ -45,18 +45,8 @@ int Recalibrate(const RecalibrateArguments& arguments, Environment& environment)
     PrintValid(*job, environment);
     return kOk;
   }
-  if (arguments.detach) {
-    if (environment.json()) {
-      environment.PrintJson(*job);
-    } else {
-      environment.out << job->name() << "\n";
-      environment.err << "Watch it with: maneuver job watch " << ShortName(job->name()) << "\n";
-    }
-    return kOk;
-  }
-  environment.err << job->name() << " recalibrates " << request.model()
-                  << "; Ctrl-C stops watching\n";
-  return WatchToEnd(job->name(), environment);
+  return ShowStarted(*job, absl::StrCat("recalibrates ", request.model()), arguments.detach,
+                     environment);
 }
 
 }  // namespace

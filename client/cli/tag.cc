@@ -196,17 +196,7 @@ int TagOnServer(const TagArguments& arguments, Environment& environment) {
     PrintValid(*job, environment);
     return kOk;
   }
-  if (!arguments.detach) {
-    environment.err << job->name() << " tags; Ctrl-C stops watching\n";
-    return WatchToEnd(job->name(), environment);
-  }
-  if (environment.json()) {
-    environment.PrintJson(*job);
-  } else {
-    environment.out << job->name() << "\n";
-    environment.err << "Watch it with: maneuver job watch " << ShortName(job->name()) << "\n";
-  }
-  return kOk;
+  return ShowStarted(*job, "tags", arguments.detach, environment);
 }
 
 }  // namespace

@@ -1,7 +1,6 @@
 // maneuver train: learn a new version of a model.
 
 #include <memory>
-#include <ostream>
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
@@ -142,18 +141,8 @@ int Train(const TrainArguments& arguments, Environment& environment) {
     PrintValid(*job, environment);
     return kOk;
   }
-  SayIfItWaits(*job, environment);
-  if (arguments.detach) {
-    if (environment.json()) {
-      environment.PrintJson(*job);
-    } else {
-      environment.out << job->name() << "\n";
-      environment.err << "Watch it with: maneuver job watch " << ShortName(job->name()) << "\n";
-    }
-    return kOk;
-  }
-  environment.err << job->name() << " trains " << request.model() << "; Ctrl-C stops watching\n";
-  const int watched = WatchToEnd(job->name(), environment);
+  const int watched =
+      ShowStarted(*job, absl::StrCat("trains ", request.model()), arguments.detach, environment);
   if (watched != kOk || !arguments.report.any()) return watched;
   return WriteReportOfWatched(job->name(), arguments.report, environment);
 }

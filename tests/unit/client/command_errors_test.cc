@@ -289,6 +289,17 @@ TEST(CommandErrorsTest, SuggestsTheNearestCommandForAnUnknownOne) {
   EXPECT_EQ(Maneuver({"fly"}).err, "maneuver has no command fly\nTry: maneuver --help\n");
 }
 
+TEST(CommandErrorsTest, NamesTheProgramThatHasAnUnknownCommand) {
+  const Result token = Maneuver({"token", "create", "--name", "planner"});
+  EXPECT_EQ(token.status, kUsage);
+  EXPECT_EQ(token.err,
+            "maneuver has no command token; maneuverd has: maneuverd token --help\n"
+            "Try: maneuver --help\n");
+  EXPECT_THAT(Maneuver({"prune", "town-3"}).err, HasSubstr("maneuver-trainer prune --help"));
+  // Another group's command of that name does not exist anywhere.
+  EXPECT_THAT(Maneuver({"model", "token"}).err, Not(HasSubstr("maneuverd")));
+}
+
 TEST(CommandErrorsTest, HelpIsAlsoACommand) {
   const Result whole = Maneuver({"help"});
   EXPECT_EQ(whole.status, kOk);

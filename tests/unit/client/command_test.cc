@@ -105,52 +105,31 @@ TEST(CommandLineTest, MistakesEndWithStatusTwoAndAHint) {
   }
 }
 
-TEST(CommandLineTest, HelpOfEveryCommandHasAnExample) {
-  for (const std::vector<std::string>& command :
-       std::vector<std::vector<std::string>>{{"synthesize"},
-                                             {"import", "waymo"},
-                                             {"import", "commonroad"},
-                                             {"import", "nuscenes"},
-                                             {"import", "argoverse"},
-                                             {"dataset", "upload"},
-                                             {"dataset", "list"},
-                                             {"dataset", "show"},
-                                             {"dataset", "annotate"},
-                                             {"dataset", "delete"},
-                                             {"scenario", "list"},
-                                             {"scenario", "show"},
-                                             {"scenario", "extract"},
-                                             {"train"},
-                                             {"evaluate"},
-                                             {"job", "list"},
-                                             {"job", "show"},
-                                             {"job", "watch"},
-                                             {"job", "cancel"},
-                                             {"job", "resume"},
-                                             {"job", "delete"},
-                                             {"model", "list"},
-                                             {"model", "show"},
-                                             {"model", "actions"},
-                                             {"model", "delete"},
-                                             {"model", "compare"},
-                                             {"model", "promote"},
-                                             {"model", "label"},
-                                             {"probability"},
-                                             {"distribution"},
-                                             {"predict"},
-                                             {"classify"},
-                                             {"load"},
-                                             {"health"}}) {
-    std::vector<std::string> arguments = command;
-    arguments.push_back("--help");
-    const Result result = Maneuver(arguments);
-    EXPECT_EQ(result.status, kOk);
-    std::string path = "maneuver";
-    for (const std::string& word : command) path += " " + word;
-    EXPECT_THAT(result.out, HasSubstr(path));
-    EXPECT_THAT(result.out, HasSubstr("Example:")) << path;
+// Expects an example in the help of each command below this one. Returns how many there are.
+int ExpectExamples(const std::vector<std::string>& path) {
+  std::vector<std::string> arguments = path;
+  arguments.push_back("--help");
+  const Result result = Maneuver(arguments);
+  EXPECT_EQ(result.status, kOk);
+  const size_t list = result.out.find("Subcommands:\n");
+  if (list == std::string::npos) {
+    EXPECT_THAT(result.out, HasSubstr("Example:")) << testing::PrintToString(path);
+    return 1;
   }
+  int commands = 0;
+  std::istringstream lines(result.out.substr(list));
+  std::string line;
+  std::getline(lines, line);
+  while (std::getline(lines, line) && line.starts_with("  ")) {
+    if (line.starts_with("   ")) continue;  // the rest of a summary
+    std::vector<std::string> below = path;
+    below.push_back(line.substr(2, line.find(' ', 2) - 2));
+    commands += ExpectExamples(below);
+  }
+  return commands;
 }
+
+TEST(CommandLineTest, HelpOfEveryCommandHasAnExample) { EXPECT_GT(ExpectExamples({}), 50); }
 
 TEST(CommandLineTest, InvalidFilesEndWithStatusTwo) {
   EXPECT_EQ(Maneuver({"predict", "/nowhere/scene.json"}).status, kUsage);
@@ -252,6 +231,43 @@ TEST(CommandLineTest, PredictSendsRequiredNamesAndSaysWhichAreGone) {
   EXPECT_THAT(required, ElementsAre("left turn, tight", "brake"));
   EXPECT_EQ(result.status, kFailed);
   EXPECT_THAT(result.err, HasSubstr("no action named \"left turn, tight\""));
+}
+
+TEST(CommandLineTest, ADetachedJobIsNamedWithTheCommandThatWatchesIt) {
+  client::TestServer server;
+  const auto start = [](v1::Job* job) {
+    job->set_name("jobs/3f2a");
+    job->set_state(v1::JOB_STATE_PENDING);
+    job->mutable_error()->set_message("no server has a GPU");
+  };
+  server.on_start_job = start;
+  server.on_train = [&](const v1::TrainRequest&, v1::Job* job) {
+    start(job);
+    return grpc::Status::OK;
+  };
+  const std::string hint = "Watch it with: maneuver job watch 3f2a\n";
+  for (const std::vector<std::string>& command : std::vector<std::vector<std::string>>{
+           {"train", "town", "--dataset", "town"},
+           {"evaluate", "town", "--dataset", "unseen"},
+           {"cross-validate", "town"},
+           {"recalibrate", "town", "--dataset", "unseen"},
+           {"tag", "unseen", "--model", "town", "--on-server", "june"}}) {
+    std::vector<std::string> arguments = {"--server", server.address()};
+    arguments.insert(arguments.end(), command.begin(), command.end());
+    arguments.emplace_back("--detach");
+    Result result = Maneuver(arguments);
+    EXPECT_EQ(result.status, kOk) << command.front();
+    EXPECT_EQ(result.out, "jobs/3f2a\n") << command.front();
+    EXPECT_EQ(result.err, "jobs/3f2a waits: no server has a GPU\n" + hint) << command.front();
+    arguments.emplace_back("--output=json");
+    result = Maneuver(arguments);
+    EXPECT_THAT(result.out, HasSubstr("\"jobs/3f2a\"")) << command.front();
+    EXPECT_THAT(result.err, Not(HasSubstr("Watch"))) << command.front();
+  }
+  const Result resumed =
+      Maneuver({"--server", server.address(), "job", "resume", "3f2a", "--detach"});
+  EXPECT_EQ(resumed.out, "jobs/3f2a is pending\n");
+  EXPECT_EQ(resumed.err, hint);
 }
 
 TEST(CommandLineTest, GlobalOptionsMayFollowTheCommand) {

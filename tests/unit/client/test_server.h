@@ -35,6 +35,8 @@ class TestServer final {
   std::function<grpc::Status(const v1::ReportOutcomesRequest&, v1::ReportOutcomesResponse*)>
       on_report_outcomes;
   std::function<grpc::Status(const v1::TrainRequest&, v1::Job*)> on_train;
+  // Fills in a job of another kind than training that is started, or resumed.
+  std::function<void(v1::Job*)> on_start_job;
   std::function<grpc::Status(const v1::DeleteJobRequest&)> on_delete_job;
   std::function<grpc::Status(const v1::WatchJobRequest&, grpc::ServerWriter<v1::WatchJobResponse>*)>
       on_watch;
@@ -129,6 +131,25 @@ class TestServer final {
       owner_->See(*context);
       return owner_->on_train(*request, job);
     }
+    grpc::Status Evaluate(grpc::ServerContext* context, const v1::EvaluateRequest*,
+                          v1::Job* job) override {
+      return Start(*context, job);
+    }
+    grpc::Status CrossValidate(grpc::ServerContext* context, const v1::CrossValidateRequest*,
+                               v1::Job* job) override {
+      return Start(*context, job);
+    }
+    grpc::Status Recalibrate(grpc::ServerContext* context, const v1::RecalibrateRequest*,
+                             v1::Job* job) override {
+      return Start(*context, job);
+    }
+    grpc::Status Tag(grpc::ServerContext* context, const v1::TagRequest*, v1::Job* job) override {
+      return Start(*context, job);
+    }
+    grpc::Status ResumeJob(grpc::ServerContext* context, const v1::ResumeJobRequest*,
+                           v1::Job* job) override {
+      return Start(*context, job);
+    }
     grpc::Status DeleteJob(grpc::ServerContext* context, const v1::DeleteJobRequest* request,
                            google::protobuf::Empty*) override {
       owner_->See(*context);
@@ -141,6 +162,12 @@ class TestServer final {
     }
 
    private:
+    grpc::Status Start(const grpc::ServerContext& context, v1::Job* job) {
+      owner_->See(context);
+      owner_->on_start_job(job);
+      return grpc::Status::OK;
+    }
+
     TestServer* const owner_;
   };
   class Datasets final : public v1::DatasetService::Service {
