@@ -428,9 +428,9 @@ class Finding {
   }
 
   absl::Status PlotShares() {
-    const auto picture = plot::DrawShares(SharesOf(found_, against_, arguments_.by, arguments_.per,
-                                                   absl::StrJoin(arguments_.folders, " "),
-                                                   absl::StrJoin(arguments_.against, " ")));
+    const auto picture = plot::DrawShares(SharePlotOf(
+        found_, against_, arguments_.by, arguments_.per, absl::StrJoin(arguments_.folders, " "),
+        absl::StrJoin(arguments_.against, " ")));
     if (!picture.ok()) return picture.status();
     if (absl::Status status = WriteFile(*arguments_.plot, *picture); !status.ok()) return status;
     environment_.err << "the picture is " << *arguments_.plot << "\n";

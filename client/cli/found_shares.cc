@@ -58,9 +58,9 @@ const tags::Statistics& PartOf(const tags::Found& found, const std::string& part
   return known == found.parts.end() ? kNothing : known->second;
 }
 
-plot::SharePlot SharesOf(const tags::Found& found, const tags::Found* against,
-                         const std::string& by, const std::string& per, const std::string& name,
-                         const std::string& other) {
+plot::SharePlot SharePlotOf(const tags::Found& found, const tags::Found* against,
+                            const std::string& by, const std::string& per, const std::string& name,
+                            const std::string& other) {
   plot::SharePlot shares;
   shares.name = name;
   if (against != nullptr) shares.against = other;

@@ -21,9 +21,9 @@ const tags::Statistics& PartOf(const tags::Found& found, const std::string& part
 // have `errors`. Leaves out the rarest groups and the smallest parts beyond what a picture holds.
 //   by, per: what the groups and the parts are, as the options name them; per may be empty
 //   name, other: of the two answers; other: unused without `against`
-plot::SharePlot SharesOf(const tags::Found& found, const tags::Found* against,
-                         const std::string& by, const std::string& per, const std::string& name,
-                         const std::string& other);
+plot::SharePlot SharePlotOf(const tags::Found& found, const tags::Found* against,
+                            const std::string& by, const std::string& per, const std::string& name,
+                            const std::string& other);
 
 }  // namespace maneuver::cli
 

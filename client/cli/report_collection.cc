@@ -144,7 +144,7 @@ class VersionCollector {
   }
 
   void AddScenes() {
-    SceneSource source;
+    SceneOrigin source;
     const v1::Provenance& provenance = data_.version->manifest().provenance();
     if (data_.evaluation) {
       source.dataset = data_.evaluation->dataset();

@@ -62,7 +62,7 @@ v1::Scenario Question(const report::Scene& scene) {
 
 class SceneCollector {
  public:
-  SceneCollector(const v1::ModelVersion& version, const SceneSource& source,
+  SceneCollector(const v1::ModelVersion& version, const SceneOrigin& source,
                  Environment& environment)
       : version_(version),
         source_(source),
@@ -225,7 +225,7 @@ class SceneCollector {
   }
 
   const v1::ModelVersion& version_;
-  const SceneSource& source_;
+  const SceneOrigin& source_;
   Environment& environment_;
   client::MapReuse maps_;
   const std::vector<double> times_;  // of the waypoints, seconds
@@ -234,7 +234,7 @@ class SceneCollector {
 }  // namespace
 
 absl::StatusOr<std::vector<report::Scene>> CollectScenes(const v1::ModelVersion& version,
-                                                         const SceneSource& source,
+                                                         const SceneOrigin& source,
                                                          Environment& environment) {
   return SceneCollector(version, source, environment).Collect();
 }

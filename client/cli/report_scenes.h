@@ -13,7 +13,7 @@
 namespace maneuver::cli {
 
 // Where a report's scenes come from.
-struct SceneSource {
+struct SceneOrigin {
   std::string dataset;           // datasets/NAME
   v1::ExampleSettings examples;  // complete
   bool held_out = false;         // only recordings that a training with `examples` held out
@@ -24,7 +24,7 @@ struct SceneSource {
 // at most 24. Skips recordings that cannot be read or answered; if that is all of them, returns the
 // last error. NOT_FOUND if the recordings have no examples.
 absl::StatusOr<std::vector<report::Scene>> CollectScenes(const v1::ModelVersion& version,
-                                                         const SceneSource& source,
+                                                         const SceneOrigin& source,
                                                          Environment& environment);
 
 }  // namespace maneuver::cli

@@ -11,7 +11,7 @@
 #include "model/artifact/model_folder.h"
 #include "model/artifact/model_spec.h"
 #include "model/artifact/tensor.h"
-#include "model/inference/networks.h"
+#include "model/inference/packed_networks.h"
 #include "model/probability/responsibilities.h"
 #include "model/probability/sigma_points.h"
 #include "model/scene/motion_reference.h"
@@ -67,12 +67,12 @@ class LoadedModel final : public ActionModel {
   size_t weight_bytes() const override { return networks_.bytes(); }
   std::unique_ptr<InferenceSession> NewSession() const override;
 
-  const Networks& networks() const { return networks_; }
+  const PackedNetworks& networks() const { return networks_; }
 
  private:
   v1::ModelManifest manifest_;
   bool bf16_;
-  Networks networks_;
+  PackedNetworks networks_;
 };
 
 class Session final : public InferenceSession {
@@ -380,7 +380,7 @@ class Session final : public InferenceSession {
   }
 
   std::shared_ptr<const LoadedModel> model_;
-  const Networks& networks_;
+  const PackedNetworks& networks_;
   const std::vector<double> waypoint_times_;  // seconds
   Backbone::ScratchPointer scratch_;          // null without a backbone
   MlpScratch mlp_scratch_;

@@ -54,24 +54,24 @@ std::string GraphBuilder::Integers(const std::string& name, std::span<const int6
 
 std::string GraphBuilder::Add(const std::string& op, const std::string& name,
                               const std::vector<std::string>& inputs,
-                              const std::vector<Setting>& settings) {
+                              const std::vector<Attribute>& attributes) {
   NodeProto* node = graph_.add_node();
   node->set_op_type(op);
   node->set_name(name);
   for (const std::string& input : inputs) node->add_input(input);
   node->add_output(name);
-  for (const Setting& setting : settings) {
-    AttributeProto* attribute = node->add_attribute();
-    attribute->set_name(setting.name);
-    if (setting.numbers.empty()) {
-      attribute->set_type(AttributeProto::FLOAT);
-      attribute->set_f(setting.real);
-    } else if (setting.list) {
-      attribute->set_type(AttributeProto::INTS);
-      attribute->mutable_ints()->Assign(setting.numbers.begin(), setting.numbers.end());
+  for (const Attribute& attribute : attributes) {
+    AttributeProto* added = node->add_attribute();
+    added->set_name(attribute.name);
+    if (attribute.numbers.empty()) {
+      added->set_type(AttributeProto::FLOAT);
+      added->set_f(attribute.real);
+    } else if (attribute.list) {
+      added->set_type(AttributeProto::INTS);
+      added->mutable_ints()->Assign(attribute.numbers.begin(), attribute.numbers.end());
     } else {
-      attribute->set_type(AttributeProto::INT);
-      attribute->set_i(setting.numbers.front());
+      added->set_type(AttributeProto::INT);
+      added->set_i(attribute.numbers.front());
     }
   }
   return name;

@@ -17,17 +17,17 @@ namespace maneuver::onnx {
 using Sizes = std::vector<int64_t>;
 
 // An attribute of a node: one integer, a list of them, or a float.
-struct Setting {
+struct Attribute {
   std::string name;
   std::vector<int64_t> numbers;
   bool list = false;
   float real = 0.0f;
 
-  static Setting One(std::string name, int64_t number) { return {std::move(name), {number}}; }
-  static Setting List(std::string name, std::vector<int64_t> numbers) {
+  static Attribute One(std::string name, int64_t number) { return {std::move(name), {number}}; }
+  static Attribute List(std::string name, std::vector<int64_t> numbers) {
     return {std::move(name), std::move(numbers), true};
   }
-  static Setting Real(std::string name, float real) { return {std::move(name), {}, false, real}; }
+  static Attribute Real(std::string name, float real) { return {std::move(name), {}, false, real}; }
 };
 
 class GraphBuilder {
@@ -44,7 +44,7 @@ class GraphBuilder {
   // Adds a node with one output. Returns the output's name, which is `name`.
   std::string Add(const std::string& op, const std::string& name,
                   const std::vector<std::string>& inputs,
-                  const std::vector<Setting>& settings = {});
+                  const std::vector<Attribute>& attributes = {});
 
  private:
   GraphProto& graph_;

@@ -57,7 +57,7 @@ class Exporter {
                            {scenes_, spec_.actions()})});
       AddGenericTrajectories();
     }
-    graph_.Add("Softmax", "probabilities", {logits}, {Setting::One("axis", 1)});
+    graph_.Add("Softmax", "probabilities", {logits}, {Attribute::One("axis", 1)});
     graph_.Output("features", {scenes_, artifact::SceneFeatures(spec_)});
     graph_.Output("probabilities", {scenes_, spec_.actions()});
     if (distributions) AddDistributions(features);
@@ -85,16 +85,17 @@ class Exporter {
   std::string AddConvolution(const BackboneLayer& layer, const std::string& source,
                              const std::string& shortcut) {
     const int64_t kernel = layer.kernel, pad = kernel / 2, stride = layer.stride;
-    std::string grid = graph_.Add(
-        "Conv", layer.convolution, {source, AddWeights(layer.convolution + ".weight")},
-        {Setting::List("kernel_shape", {kernel, kernel}),
-         Setting::List("strides", {stride, stride}), Setting::List("pads", {pad, pad, pad, pad})});
+    std::string grid =
+        graph_.Add("Conv", layer.convolution, {source, AddWeights(layer.convolution + ".weight")},
+                   {Attribute::List("kernel_shape", {kernel, kernel}),
+                    Attribute::List("strides", {stride, stride}),
+                    Attribute::List("pads", {pad, pad, pad, pad})});
     std::vector<std::string> inputs = {grid};
     for (const char* part : {".weight", ".bias", ".running_mean", ".running_var"}) {
       inputs.push_back(AddWeights(layer.normalization + part));
     }
     grid = graph_.Add("BatchNormalization", layer.normalization, inputs,
-                      {Setting::Real("epsilon", kNormalizationEpsilon)});
+                      {Attribute::Real("epsilon", kNormalizationEpsilon)});
     if (layer.adds) grid = graph_.Add("Add", layer.normalization + ".sum", {grid, shortcut});
     if (layer.relu) grid = graph_.Add("Relu", layer.normalization + ".relu", {grid});
     return grid;
@@ -115,9 +116,9 @@ class Exporter {
       } else if (layer.kind == Kind::kMaxPool) {
         const int64_t kernel = layer.kernel, pad = kernel / 2, stride = layer.stride;
         grid = graph_.Add("MaxPool", absl::StrCat(source, ".maximum"), {source},
-                          {Setting::List("kernel_shape", {kernel, kernel}),
-                           Setting::List("strides", {stride, stride}),
-                           Setting::List("pads", {pad, pad, pad, pad})});
+                          {Attribute::List("kernel_shape", {kernel, kernel}),
+                           Attribute::List("strides", {stride, stride}),
+                           Attribute::List("pads", {pad, pad, pad, pad})});
       } else {
         grid = graph_.Add("GlobalAveragePool", absl::StrCat(source, ".average"), {source});
       }
@@ -135,7 +136,7 @@ class Exporter {
     graph_.Input("motion", {scenes_, scene::kMotionInputs});
     return graph_.Add("Concat", "features",
                       {graph_.Add("Relu", "projected", {projected}), "motion"},
-                      {Setting::One("axis", 1)});
+                      {Attribute::One("axis", 1)});
   }
 
   // Adds y = W x, plus b if there is a bias. `network` selects among weights [networks, out, in].
@@ -156,7 +157,7 @@ class Exporter {
     if (const auto bias = model_.weights.find(name + ".bias"); bias != model_.weights.end()) {
       operands.push_back(AddConstant(full + ".bias", {outputs}, part(bias->second, outputs)));
     }
-    return graph_.Add("Gemm", full + label, operands, {Setting::One("transB", 1)});
+    return graph_.Add("Gemm", full + label, operands, {Attribute::One("transB", 1)});
   }
 
   std::string AddRelu(const std::string& x) { return graph_.Add("Relu", x + ".relu", {x}); }
@@ -215,7 +216,7 @@ class Exporter {
     if (spec_.has_raster()) parts.push_back(AddRelu(AddBackbone()));
     return graph_.Add(
         "Relu", "features",
-        {AddDense("join", graph_.Add("Concat", "joined", parts, {Setting::One("axis", 1)}))});
+        {AddDense("join", graph_.Add("Concat", "joined", parts, {Attribute::One("axis", 1)}))});
   }
 
   // A set with room for `size` elements in each scene.
@@ -263,7 +264,7 @@ class Exporter {
     // Absent elements have weight 0. If all elements are absent, all weights are 0.
     const std::string shown = graph_.Add("Add", name + ".gated", {scores, set.gate});
     const std::string softmax =
-        graph_.Add("Softmax", name + ".softmax", {shown}, {Setting::One("axis", 2)});
+        graph_.Add("Softmax", name + ".softmax", {shown}, {Attribute::One("axis", 2)});
     const std::string weights = graph_.Add("Mul", name + ".weights", {softmax, set.mask});
     const std::string weighted =
         graph_.Add("Mul", name + ".weighted",
@@ -272,13 +273,13 @@ class Exporter {
     const std::string attended =
         graph_.Add("ReduceSum", name + ".attended",
                    {weighted, graph_.Integers(name + ".attended.axes", element_axis)},
-                   {Setting::One("keepdims", 0)});
+                   {Attribute::One("keepdims", 0)});
     const std::string there =
         graph_.Add("Mul", name + ".there",
                    {Reshape(name + ".elements", elements, {scenes_, sets, size, width}), set.mask});
     const std::string maximum =
         graph_.Add("ReduceMax", name + ".maximum", {there},
-                   {Setting::List("axes", {2}), Setting::One("keepdims", 0)});
+                   {Attribute::List("axes", {2}), Attribute::One("keepdims", 0)});
     return {Reshape(name + ".attended.rows", attended, {Rows(sets), width}),
             Reshape(name + ".maximum.rows", maximum, {Rows(sets), width})};
   }
@@ -317,7 +318,7 @@ class Exporter {
         Reshape("action_numbers.rows", "action_numbers", {Rows(K), scene::kActionNumbers});
     const std::string joined =
         graph_.Add("Concat", "action_geometry.joined", {pooled.attended, pooled.maximum, numbers},
-                   {Setting::One("axis", 1)});
+                   {Attribute::One("axis", 1)});
     const std::string joint =
         Reshape("action_geometry.joint.each", dense("joint", joined), {scenes_, K, A});
     const std::string joint_scene = Reshape("action_geometry.joint_scene.each",
@@ -354,7 +355,7 @@ class Exporter {
         graph_.Add("Gemm", "mean_residual.scene",
                    {features, AddConstant("mean_residual.scene.weight",
                                           {K * coefficients, scene.shape[2]}, scene.values)},
-                   {Setting::One("transB", 1)}),
+                   {Attribute::One("transB", 1)}),
         {scenes_, K, 1, coefficients});
     if (spec_.has_action_geometry()) {
       sum = graph_.Add("Add", "mean_residual.sum",
@@ -364,7 +365,7 @@ class Exporter {
         graph_.Add("Gemm", "mean_residual.metres",
                    {Reshape("mean_residual.rows", sum, {Rows(K), coefficients}),
                     AddWeights("mean_residual.curves")},
-                   {Setting::One("transB", 1)});
+                   {Attribute::One("transB", 1)});
     return Reshape("mean_residual", metres,
                    {scenes_, K, 1, 2 * int64_t{spec_.trajectory().waypoints()}});
   }
@@ -407,7 +408,7 @@ class Exporter {
     }
     std::string outputs =
         Reshape("scenario_encoder.each",
-                graph_.Add("Concat", "scenario_encoder", encoders, {Setting::One("axis", 1)}),
+                graph_.Add("Concat", "scenario_encoder", encoders, {Attribute::One("axis", 1)}),
                 {scenes_, K, 2 * D});
     if (spec_.has_action_geometry()) {
       outputs =
@@ -448,7 +449,7 @@ class Exporter {
     }
     return graph_.Add("Gemm", "sigma_points",
                       {moments, graph_.Floats("sigma_steps", {points * D, 2 * D}, steps)},
-                      {Setting::One("transB", 1)});
+                      {Attribute::One("transB", 1)});
   }
 
   void AddDistributions(const std::string& features) {
@@ -460,7 +461,7 @@ class Exporter {
     const std::string moments = graph_.Add("Concat", "posterior_moments",
                                            {Reshape("posterior_mean.rows", mean, {Rows(K), D}),
                                             Reshape("posterior_stddev.rows", stddev, {Rows(K), D})},
-                                           {Setting::One("axis", 1)});
+                                           {Attribute::One("axis", 1)});
     const std::string decoded =
         AddMlp("decoder", spec_.decoder().hidden_size() + 1,
                Reshape("sigma_points.rows", AddSigmaPoints(moments), {Rows(K * points), D}));
@@ -517,7 +518,7 @@ std::string ActionNames(const v1::ModelManifest& manifest) {
 
 }  // namespace
 
-std::string ExportOnnx(const artifact::StoredModel& model, const ExportOptions& options) {
+std::string ExportOnnx(const artifact::StoredModel& model, const OnnxOptions& options) {
   ModelProto file;
   file.set_ir_version(kFormat);
   file.set_producer_name("maneuver");

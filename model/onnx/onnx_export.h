@@ -48,13 +48,13 @@
 
 namespace maneuver::onnx {
 
-struct ExportOptions {
+struct OnnxOptions {
   bool distributions = true;
   int scenes = 0;  // N, for engines that need it fixed; 0: any number
 };
 
 // Returns the bytes of the file. `model` is as artifact::ReadModelFolder returns it.
-std::string ExportOnnx(const artifact::StoredModel& model, const ExportOptions& options);
+std::string ExportOnnx(const artifact::StoredModel& model, const OnnxOptions& options);
 
 }  // namespace maneuver::onnx
 

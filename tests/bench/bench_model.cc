@@ -78,7 +78,7 @@ BenchModel PresetBenchModel(const std::string& preset) {
   model.name = preset;
   model.stored = std::make_shared<const artifact::StoredModel>(StoredPreset(preset));
   model.model = LoadPreset(preset, inference::Precision::kAuto);
-  model.networks = std::make_shared<const inference::Networks>(
+  model.networks = std::make_shared<const inference::PackedNetworks>(
       model.model->spec(), model.stored->weights, model.model->precision() == "bf16");
   return model;
 }
@@ -92,7 +92,7 @@ absl::StatusOr<BenchModel> FolderBenchModel(const fs::path& folder) {
   auto loaded = inference::ActionModel::FromStored(*model.stored, {});
   if (!loaded.ok()) return loaded.status();
   model.model = *std::move(loaded);
-  model.networks = std::make_shared<const inference::Networks>(
+  model.networks = std::make_shared<const inference::PackedNetworks>(
       model.model->spec(), model.stored->weights, model.model->precision() == "bf16");
   return model;
 }
@@ -100,7 +100,7 @@ absl::StatusOr<BenchModel> FolderBenchModel(const fs::path& folder) {
 BenchModel WithPrecision(const BenchModel& model, inference::Precision precision) {
   BenchModel other = model;
   other.model = *inference::ActionModel::FromStored(*model.stored, {.precision = precision});
-  other.networks = std::make_shared<const inference::Networks>(
+  other.networks = std::make_shared<const inference::PackedNetworks>(
       other.model->spec(), model.stored->weights, other.model->precision() == "bf16");
   return other;
 }

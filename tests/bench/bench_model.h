@@ -16,7 +16,7 @@
 
 #include "model/artifact/model_folder.h"
 #include "model/inference/action_model.h"
-#include "model/inference/networks.h"
+#include "model/inference/packed_networks.h"
 
 namespace maneuver::bench {
 
@@ -40,7 +40,7 @@ struct BenchModel {
   std::string name;
   std::shared_ptr<const artifact::StoredModel> stored;
   std::shared_ptr<const inference::ActionModel> model;
-  std::shared_ptr<const inference::Networks> networks;  // the model's own, once more
+  std::shared_ptr<const inference::PackedNetworks> networks;  // the model's own, once more
 };
 BenchModel PresetBenchModel(const std::string& preset);
 // Loads a model folder. Errors: those of ActionModel::Load.

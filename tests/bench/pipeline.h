@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "maneuver/v1/prediction_service.pb.h"
-#include "model/inference/networks.h"
+#include "model/inference/packed_networks.h"
 #include "server/rpc/prediction_answers.h"
 #include "server/serving/served_model.h"
 #include "tests/bench/bench_model.h"
@@ -81,7 +81,7 @@ class Pipeline {
   void Serialize();
 
   const BenchModel& model_;
-  const inference::Networks& networks_;
+  const inference::PackedNetworks& networks_;
   const int actions_;
   const int representatives_;
   serving::Engine engine_;

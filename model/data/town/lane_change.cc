@@ -44,8 +44,8 @@ bool HasGap(const Path& path, int lane, std::span<const Vehicle> vehicles, const
   return true;
 }
 
-bool TryChange(const LaneGraph& graph, std::span<const Vehicle> vehicles, bool left, Random& random,
-               Vehicle& vehicle) {
+bool TryChange(const LaneNetwork& graph, std::span<const Vehicle> vehicles, bool left,
+               Random& random, Vehicle& vehicle) {
   const Lane& from = graph.lanes[vehicle.lane()];
   const int target = left ? from.left : from.right;
   if (target < 0) return false;
@@ -78,7 +78,7 @@ bool TryChange(const LaneGraph& graph, std::span<const Vehicle> vehicles, bool l
 
 }  // namespace
 
-std::vector<RouteStep> DrawRoute(const LaneGraph& graph, int lane, double from, Random& random) {
+std::vector<RouteStep> DrawRoute(const LaneNetwork& graph, int lane, double from, Random& random) {
   std::vector<RouteStep> route = {{lane, from}};
   while (route.size() < 40 && !graph.lanes[route.back().lane].next.empty()) {
     const std::vector<LaneLink>& next = graph.lanes[route.back().lane].next;
@@ -90,7 +90,7 @@ std::vector<RouteStep> DrawRoute(const LaneGraph& graph, int lane, double from, 
   return route;
 }
 
-void ConsiderLaneChange(const LaneGraph& graph, std::span<const Vehicle> vehicles, double time,
+void ConsiderLaneChange(const LaneNetwork& graph, std::span<const Vehicle> vehicles, double time,
                         double rate, double leader_gap, double leader_speed, Random& random,
                         Vehicle& vehicle) {
   const Lane& lane = graph.lanes[vehicle.lane()];

@@ -5,7 +5,7 @@
 
 #include <span>
 
-#include "model/data/town/lane_graph.h"
+#include "model/data/town/lane_network.h"
 #include "model/data/town/random.h"
 #include "model/data/town/vehicle.h"
 
@@ -13,12 +13,12 @@ namespace maneuver::data::town {
 
 // Draws a random route of at most 40 lanes. It begins on `lane` at arc length `from` (metres) and
 // ends where the lanes do.
-std::vector<RouteStep> DrawRoute(const LaneGraph& graph, int lane, double from, Random& random);
+std::vector<RouteStep> DrawRoute(const LaneNetwork& graph, int lane, double from, Random& random);
 
 // Begins a lane change if `vehicle` wants one and finds a gap for it.
 //   leader_gap, leader_speed: of the vehicle ahead, metres and m/s; infinite gap without one.
 //   time: seconds.  rate: wishes per second.
-void ConsiderLaneChange(const LaneGraph& graph, std::span<const Vehicle> vehicles, double time,
+void ConsiderLaneChange(const LaneNetwork& graph, std::span<const Vehicle> vehicles, double time,
                         double rate, double leader_gap, double leader_speed, Random& random,
                         Vehicle& vehicle);
 

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "model/data/town/lane_graph.h"
+#include "model/data/town/lane_network.h"
 #include "model/data/town/signals.h"
 
 namespace maneuver::data::town {
@@ -53,7 +53,7 @@ struct ParkedVehicle {
 
 struct Place {
   std::string layout;  // name, lower_snake_case
-  LaneGraph graph;
+  LaneNetwork graph;
   SignalPlan signals;
   std::vector<Decoration> decorations;
   std::vector<Source> sources;

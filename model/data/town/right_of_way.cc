@@ -25,7 +25,7 @@ double TimeToGo(double distance, double speed, double top) {
 
 // Returns another vehicle's position relative to the start of the lane at `step` of its route,
 // metres.
-double PositionOnStep(const LaneGraph& graph, const Vehicle& other, size_t step) {
+double PositionOnStep(const LaneNetwork& graph, const Vehicle& other, size_t step) {
   if (step >= other.step) return other.route[step].from - DistanceToStep(graph, other, step);
   double position = other.s - other.route[other.step].from;
   for (size_t k = step; k < other.step; ++k) {
@@ -111,7 +111,7 @@ bool ExitBlocked(std::span<const Vehicle> vehicles, const Vehicle& vehicle, size
 
 }  // namespace
 
-double DistanceToGate(const LaneGraph& graph, const Vehicle& vehicle, size_t step) {
+double DistanceToGate(const LaneNetwork& graph, const Vehicle& vehicle, size_t step) {
   return DistanceToStep(graph, vehicle, step) - 0.5 * vehicle.length - kLineGap;
 }
 

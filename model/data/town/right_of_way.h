@@ -16,7 +16,7 @@ inline constexpr double kLineGap = 0.8;
 
 // Returns how far a vehicle's front is from where it stops for the gate at `step` of its route,
 // metres.
-double DistanceToGate(const LaneGraph& graph, const Vehicle& vehicle, size_t step);
+double DistanceToGate(const LaneNetwork& graph, const Vehicle& vehicle, size_t step);
 
 // Returns whether `vehicle` may enter the gated lane at `step` of its route: its signal is green;
 // it has stopped where it must; nobody is or will be on a part of a lane that it crosses; nobody is

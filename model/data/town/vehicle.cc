@@ -33,7 +33,7 @@ double TurnSign(const Lane& lane) {
 }
 
 // Records what entering the lane at the head of the route looks like from outside.
-void NoteEvent(const LaneGraph& graph, Vehicle& vehicle) {
+void NoteEvent(const LaneNetwork& graph, Vehicle& vehicle) {
   const Lane& lane = graph.lanes[vehicle.lane()];
   const double from = vehicle.travelled - vehicle.s;
   RouteEvent event{Maneuver::kKeepLane, from - 2.0, from, from + lane.path.length()};
@@ -96,7 +96,7 @@ PathPoint PoseAt(const Vehicle& vehicle, const Lane& lane, double s, double trav
   return at;
 }
 
-void LookAhead(const LaneGraph& graph, Vehicle& vehicle) {
+void LookAhead(const LaneNetwork& graph, Vehicle& vehicle) {
   if (vehicle.speed == 0.0 && vehicle.travelled == vehicle.looked_at) return;
   vehicle.looked_at = vehicle.travelled;
   vehicle.ahead.clear();
@@ -125,7 +125,7 @@ void LookAhead(const LaneGraph& graph, Vehicle& vehicle) {
   }
 }
 
-double DistanceToStep(const LaneGraph& graph, const Vehicle& vehicle, size_t step) {
+double DistanceToStep(const LaneNetwork& graph, const Vehicle& vehicle, size_t step) {
   if (step <= vehicle.step) return vehicle.route[step].from - vehicle.s;
   double distance = graph.lanes[vehicle.lane()].path.length() - vehicle.s;
   for (size_t k = vehicle.step + 1; k < step; ++k) {
@@ -134,7 +134,7 @@ double DistanceToStep(const LaneGraph& graph, const Vehicle& vehicle, size_t ste
   return distance;
 }
 
-void SetPose(const LaneGraph& graph, bool align, Vehicle& vehicle) {
+void SetPose(const LaneNetwork& graph, bool align, Vehicle& vehicle) {
   const Lane& lane = graph.lanes[vehicle.lane()];
   vehicle.pose = PoseAt(vehicle, lane, vehicle.s, vehicle.travelled);
   vehicle.lateral = LateralAt(vehicle, lane, vehicle.s, vehicle.travelled).offset;
@@ -142,7 +142,7 @@ void SetPose(const LaneGraph& graph, bool align, Vehicle& vehicle) {
   if (align) vehicle.body_heading = body;
 }
 
-bool Advance(const LaneGraph& graph, double dt, Vehicle& vehicle) {
+bool Advance(const LaneNetwork& graph, double dt, Vehicle& vehicle) {
   const double before = vehicle.speed;
   vehicle.speed = std::max(0.0, before + vehicle.acceleration * dt);
   if (vehicle.speed < 0.02 && vehicle.acceleration <= 0.0) vehicle.speed = 0.0;

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "model/data/town/driver.h"
-#include "model/data/town/lane_graph.h"
+#include "model/data/town/lane_network.h"
 #include "model/data/town/track.h"
 
 namespace maneuver::data::town {
@@ -82,17 +82,17 @@ Lateral LateralAt(const Vehicle& vehicle, const Lane& lane, double s, double tra
 PathPoint PoseAt(const Vehicle& vehicle, const Lane& lane, double s, double travelled);
 
 // Sets `ahead`: the path every two metres, as far as matters at the present speed.
-void LookAhead(const LaneGraph& graph, Vehicle& vehicle);
+void LookAhead(const LaneNetwork& graph, Vehicle& vehicle);
 
 // Returns the distance from the centre to the start of step `step` of the route, metres.
-double DistanceToStep(const LaneGraph& graph, const Vehicle& vehicle, size_t step);
+double DistanceToStep(const LaneNetwork& graph, const Vehicle& vehicle, size_t step);
 
 // Moves by a time step of `dt` seconds at the present speed and acceleration. Returns false when the
 // route has ended.
-bool Advance(const LaneGraph& graph, double dt, Vehicle& vehicle);
+bool Advance(const LaneNetwork& graph, double dt, Vehicle& vehicle);
 
 // Sets pose and lateral offset from the route, and the body's heading too if `align`.
-void SetPose(const LaneGraph& graph, bool align, Vehicle& vehicle);
+void SetPose(const LaneNetwork& graph, bool align, Vehicle& vehicle);
 
 }  // namespace maneuver::data::town
 

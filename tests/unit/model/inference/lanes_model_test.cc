@@ -15,7 +15,7 @@
 #include "model/artifact/training_presets.h"
 #include "model/inference/action_model.h"
 #include "model/inference/backbone.h"
-#include "model/inference/networks.h"
+#include "model/inference/packed_networks.h"
 #include "model/probability/latent_mixture.h"
 #include "tests/unit/model/inference/answers.h"
 #include "tests/unit/model/inference/reference_model.h"
@@ -363,7 +363,7 @@ TEST_P(LanesModelTest, TheOrderOfLanePathsAndOfAgentsDoesNotMatter) {
 // raster compute in bf16 and are skipped on processors that cannot.
 TEST_P(LanesModelTest, WeightsInBf16ChangeProbabilitiesByLessThanAHundredth) {
   if (spec().has_raster() && !ProcessorHasBf16()) return;
-  const Networks networks(spec(), stored_.weights, true);
+  const PackedNetworks networks(spec(), stored_.weights, true);
   std::vector<const scene::SceneVectors*> vectors;
   for (const scene::SceneVectors& scene : vectors_) vectors.push_back(&scene);
   if (spec().has_raster()) {
@@ -400,7 +400,8 @@ TEST_P(LanesModelTest, WeightsInBf16ChangeProbabilitiesByLessThanAHundredth) {
 }
 
 TEST_P(LanesModelTest, AModelWithoutARasterReadsNone) {
-  EXPECT_EQ(Networks(spec(), stored_.weights, false).backbone.has_value(), spec().has_raster());
+  EXPECT_EQ(PackedNetworks(spec(), stored_.weights, false).backbone.has_value(),
+            spec().has_raster());
 }
 
 INSTANTIATE_TEST_SUITE_P(Specs, LanesModelTest, testing::ValuesIn(Cases()),

@@ -1,4 +1,4 @@
-#include "model/data/town/lane_graph.h"
+#include "model/data/town/lane_network.h"
 
 #include <algorithm>
 #include <limits>
@@ -69,12 +69,12 @@ std::optional<Conflict> Overlap(const Lane& mine, const Lane& other, int other_i
 
 }  // namespace
 
-int LaneGraph::Add(Lane lane) {
+int LaneNetwork::Add(Lane lane) {
   lanes.push_back(std::move(lane));
   return static_cast<int>(lanes.size()) - 1;
 }
 
-std::vector<std::vector<int>> LaneGraph::Predecessors() const {
+std::vector<std::vector<int>> LaneNetwork::Predecessors() const {
   std::vector<std::vector<int>> result(lanes.size());
   for (size_t i = 0; i < lanes.size(); ++i) {
     for (const LaneLink& link : lanes[i].next) {
@@ -84,7 +84,7 @@ std::vector<std::vector<int>> LaneGraph::Predecessors() const {
   return result;
 }
 
-void LaneGraph::FindConflicts() {
+void LaneNetwork::FindConflicts() {
   const std::vector<std::vector<int>> before = Predecessors();
   std::vector<Box> boxes;
   boxes.reserve(lanes.size());

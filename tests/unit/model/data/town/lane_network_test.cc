@@ -1,10 +1,10 @@
-#include "model/data/town/lane_graph.h"
+#include "model/data/town/lane_network.h"
 
 #include <numbers>
 
 #include "gtest/gtest.h"
 
-namespace maneuver::data::town::lane_graph_test {
+namespace maneuver::data::town::lane_network_test {
 namespace {
 
 Lane Straight(Vec2 from, double heading, double length) {
@@ -13,8 +13,8 @@ Lane Straight(Vec2 from, double heading, double length) {
   return lane;
 }
 
-TEST(LaneGraphTest, CrossingLanesConflictWhereTheyCross) {
-  LaneGraph graph;
+TEST(LaneNetworkTest, CrossingLanesConflictWhereTheyCross) {
+  LaneNetwork graph;
   Lane gated = Straight({-20.0, 0.0}, 0.0, 40.0);
   gated.gate = Gate{.kind = GateKind::kYield};
   const int mine = graph.Add(gated);
@@ -31,8 +31,8 @@ TEST(LaneGraphTest, CrossingLanesConflictWhereTheyCross) {
   EXPECT_LT(conflict.to - conflict.from, 8.0);
 }
 
-TEST(LaneGraphTest, LanesSideBySideDoNotConflict) {
-  LaneGraph graph;
+TEST(LaneNetworkTest, LanesSideBySideDoNotConflict) {
+  LaneNetwork graph;
   Lane gated = Straight({-20.0, 0.0}, 0.0, 40.0);
   gated.gate = Gate{.kind = GateKind::kYield};
   graph.Add(gated);
@@ -41,8 +41,8 @@ TEST(LaneGraphTest, LanesSideBySideDoNotConflict) {
   EXPECT_TRUE(graph.lanes[0].gate->conflicts.empty());
 }
 
-TEST(LaneGraphTest, LanesIntoOneLaneMergeAndLanesOutOfOneLaneDoNotConflict) {
-  LaneGraph graph;
+TEST(LaneNetworkTest, LanesIntoOneLaneMergeAndLanesOutOfOneLaneDoNotConflict) {
+  LaneNetwork graph;
   const int in = graph.Add(Straight({-40.0, 0.0}, 0.0, 20.0));
   Lane a = Straight({-20.0, 0.0}, 0.0, 20.0);
   a.gate = Gate{.kind = GateKind::kYield};
@@ -64,4 +64,4 @@ TEST(LaneGraphTest, LanesIntoOneLaneMergeAndLanesOutOfOneLaneDoNotConflict) {
 }
 
 }  // namespace
-}  // namespace maneuver::data::town::lane_graph_test
+}  // namespace maneuver::data::town::lane_network_test

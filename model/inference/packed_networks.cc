@@ -1,4 +1,4 @@
-#include "model/inference/networks.h"
+#include "model/inference/packed_networks.h"
 
 #include <utility>
 
@@ -47,7 +47,7 @@ Eigen::VectorXd Vector(const Tensor& tensor) {
 }
 
 // The decoded means of p(z|y), metres, without a reference. [K, 2T]
-TrajectorySet::Rows GenericMeans(const Networks& networks) {
+TrajectorySet::Rows GenericMeans(const PackedNetworks& networks) {
   const RowMajorXf latents = networks.mixture.mean.cast<float>();
   RowMajorXf decoded(latents.rows(), networks.decoder.outputs());
   MlpScratch scratch;
@@ -64,7 +64,7 @@ TrajectorySet::Rows GenericMeans(const Networks& networks) {
 
 }  // namespace
 
-Networks::Networks(const v1::ModelSpec& spec, const TensorMap& weights, bool bf16)
+PackedNetworks::PackedNetworks(const v1::ModelSpec& spec, const TensorMap& weights, bool bf16)
     : action_predictor(StoredMlp(weights, "action_predictor", bf16)),
       trajectory_encoder(StoredMlp(weights, "trajectory_encoder", false)),
       decoder(StoredMlp(weights, "decoder", false)),
@@ -93,7 +93,7 @@ Networks::Networks(const v1::ModelSpec& spec, const TensorMap& weights, bool bf1
   }
 }
 
-size_t Networks::bytes() const {
+size_t PackedNetworks::bytes() const {
   size_t bytes = action_predictor.bytes() + trajectory_encoder.bytes() + decoder.bytes();
   if (backbone) bytes += backbone->bytes() + projection->bytes();
   if (scene) bytes += scene->bytes();

@@ -1,7 +1,7 @@
 // All networks of a model, packed for evaluation.
 
-#ifndef MANEUVER_MODEL_INFERENCE_NETWORKS_H_
-#define MANEUVER_MODEL_INFERENCE_NETWORKS_H_
+#ifndef MANEUVER_MODEL_INFERENCE_PACKED_NETWORKS_H_
+#define MANEUVER_MODEL_INFERENCE_PACKED_NETWORKS_H_
 
 #include <Eigen/Core>
 #include <cstddef>
@@ -22,12 +22,12 @@ namespace maneuver::inference {
 
 // Immutable; safe to share between threads. Built from weights that fit the spec, as
 // artifact::ReadModelFolder returns them.
-struct Networks {
+struct PackedNetworks {
   // May throw oneDNN's exceptions, as Backbone does. With bf16, these weights are bf16: those of
   // the convolutions, and those of the wide layers that make and read a scene's features, which are
   // fetched from memory for every few targets. All layers whose output is metres stay in f32,
   // because means need the precision.
-  Networks(const v1::ModelSpec& spec, const artifact::TensorMap& weights, bool bf16);
+  PackedNetworks(const v1::ModelSpec& spec, const artifact::TensorMap& weights, bool bf16);
 
   size_t bytes() const;
 
@@ -56,4 +56,4 @@ struct Networks {
 
 }  // namespace maneuver::inference
 
-#endif  // MANEUVER_MODEL_INFERENCE_NETWORKS_H_
+#endif  // MANEUVER_MODEL_INFERENCE_PACKED_NETWORKS_H_

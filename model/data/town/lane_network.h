@@ -1,7 +1,7 @@
 // Lanes, which lanes follow each other, and where lanes cross.
 
-#ifndef MANEUVER_MODEL_DATA_TOWN_LANE_GRAPH_H_
-#define MANEUVER_MODEL_DATA_TOWN_LANE_GRAPH_H_
+#ifndef MANEUVER_MODEL_DATA_TOWN_LANE_NETWORK_H_
+#define MANEUVER_MODEL_DATA_TOWN_LANE_NETWORK_H_
 
 #include <optional>
 #include <vector>
@@ -71,7 +71,7 @@ struct Lane {
   std::optional<Gate> gate;
 };
 
-struct LaneGraph {
+struct LaneNetwork {
   std::vector<Lane> lanes;
 
   int Add(Lane lane);
@@ -84,4 +84,4 @@ struct LaneGraph {
 
 }  // namespace maneuver::data::town
 
-#endif  // MANEUVER_MODEL_DATA_TOWN_LANE_GRAPH_H_
+#endif  // MANEUVER_MODEL_DATA_TOWN_LANE_NETWORK_H_
