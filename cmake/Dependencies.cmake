@@ -30,7 +30,7 @@ set_target_properties(civetweb PROPERTIES
   IMPORTED_LOCATION "${CIVETWEB_LIBRARY}"
   INTERFACE_INCLUDE_DIRECTORIES "${CIVETWEB_INCLUDE_DIR}")
 
-# The headers of PostgreSQL's client: server/jobs loads the library when it is configured.
+# The headers of PostgreSQL's client: server/store loads the library when it is configured.
 find_path(LIBPQ_INCLUDE_DIR libpq-fe.h PATH_SUFFIXES postgresql REQUIRED)
 
 # OpenCV's CMake config comes with libopencv-dev alone, which pulls in VTK and Qt;

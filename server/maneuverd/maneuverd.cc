@@ -28,7 +28,6 @@
 #include "model/files/durable_file.h"
 #include "model/kernels/kernel_choice.h"
 #include "server/errors/error_details.h"
-#include "server/jobs/open_store.h"
 #include "server/jobs/replica_report.h"
 #include "server/jobs/retention.h"
 #include "server/jobs/supervisor.h"
@@ -68,6 +67,7 @@
 #include "server/serving/shadow.h"
 #include "server/serving/version_store.h"
 #include "server/serving/version_uploads.h"
+#include "server/store/open_store.h"
 
 namespace maneuver {
 namespace {
@@ -224,7 +224,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   const auto lock = DataLock::Take(options.data_dir, options.is_shared);
   if (!lock.ok()) return lock.status();
   metrics->WatchDisk(options.data_dir);
-  const auto store = jobs::OpenStore(options.data_dir, options.store, options.is_shared, *metrics);
+  const auto store = store::OpenStore(options.data_dir, options.store, options.is_shared, *metrics);
   if (!store.ok()) return store.status();
   const auto datasets = data::DatasetStore::Open(options.data_dir / "datasets", options.datasets);
   if (!datasets.ok()) return datasets.status();

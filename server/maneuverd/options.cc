@@ -18,8 +18,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "model/machine/usable_cores.h"
-#include "server/jobs/store_address.h"
 #include "server/maneuverd/configuration.h"
+#include "server/store/store_address.h"
 
 namespace maneuver {
 namespace {
@@ -444,7 +444,7 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
                           "--max-send-memory must be at least --max-response-bytes: raise the "
                           "former or lower the latter"));
   }
-  if (const auto status = jobs::CheckStoreAddress(options.store); !status.ok()) {
+  if (const auto status = store::CheckStoreAddress(options.store); !status.ok()) {
     return refuse("--store: ", status);
   }
   if (options.is_shared && options.store.empty()) {

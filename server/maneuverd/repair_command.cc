@@ -10,9 +10,9 @@
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
-#include "server/jobs/store_repair.h"
 #include "server/maneuverd/data_lock.h"
 #include "server/maneuverd/options.h"
+#include "server/store/store_repair.h"
 
 namespace maneuver {
 namespace {
@@ -32,7 +32,7 @@ sound database is left alone. Models and datasets are never touched.
 OPTIONS are those of the server, such as --config FILE; its environment variables count too.
 )";
 
-std::string Describe(const jobs::StoreRepair& repair, bool has_backup) {
+std::string Describe(const store::StoreRepair& repair, bool has_backup) {
   if (repair.damage.empty()) {
     return absl::StrCat("the store is sound, and nothing was changed: ",
                         repair.contents.ToString());
@@ -58,7 +58,7 @@ absl::StatusOr<std::string> Repair(const ServerOptions& options, const std::stri
   if (options.data_dir.empty()) return absl::InvalidArgumentError("--data-dir is required");
   const auto lock = DataLock::Take(options.data_dir);
   if (!lock.ok()) return lock.status();
-  const auto repair = jobs::RepairStore(options.data_dir, backup);
+  const auto repair = store::RepairStore(options.data_dir, backup);
   if (!repair.ok()) return repair.status();
   return Describe(*repair, !backup.empty());
 }

@@ -10,12 +10,12 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
-#include "server/jobs/open_store.h"
-#include "server/jobs/store_check.h"
-#include "server/jobs/store_copy.h"
-#include "server/jobs/store_migration.h"
 #include "server/maneuverd/data_lock.h"
 #include "server/maneuverd/options.h"
+#include "server/store/open_store.h"
+#include "server/store/store_check.h"
+#include "server/store/store_copy.h"
+#include "server/store/store_migration.h"
 
 namespace maneuver {
 namespace {
@@ -42,11 +42,11 @@ environment variables count too.
 
 absl::StatusOr<std::string> Migrate(const ServerOptions& options) {
   if (options.store.empty()) {
-    const auto store = jobs::OpenStore(options.data_dir, "");
+    const auto store = store::OpenStore(options.data_dir, "");
     if (!store.ok()) return store.status();
     return std::string("the store of the data folder is up to date");
   }
-  const auto migration = jobs::MigrateStore(options.store);
+  const auto migration = store::MigrateStore(options.store);
   if (!migration.ok()) return migration.status();
   const auto [from, to] = *migration;
   if (from == to) return absl::StrCat("the store has schema version ", to, " already");
@@ -55,9 +55,9 @@ absl::StatusOr<std::string> Migrate(const ServerOptions& options) {
 }
 
 absl::StatusOr<std::string> Check(const ServerOptions& options) {
-  const auto store = jobs::OpenStore(options.data_dir, options.store);
+  const auto store = store::OpenStore(options.data_dir, options.store);
   if (!store.ok()) return store.status();
-  const auto contents = jobs::CheckStore(**store);
+  const auto contents = store::CheckStore(**store);
   if (!contents.ok()) return contents.status();
   return absl::StrCat("the store is sound: ", contents->ToString());
 }
@@ -66,11 +66,11 @@ absl::StatusOr<std::string> Copy(const ServerOptions& options) {
   if (options.store.empty()) {
     return absl::InvalidArgumentError("--store is missing: name the database to copy into");
   }
-  const auto copied = jobs::CopyStore(options.data_dir, options.store);
+  const auto copied = store::CopyStore(options.data_dir, options.store);
   if (!copied.ok()) return copied.status();
   return absl::StrCat("copied ", copied->ToString(), "; ", options.data_dir.string(),
                       " belongs to the database of --store now, and the old store is ",
-                      (options.data_dir / jobs::kCopiedStore).string());
+                      (options.data_dir / store::kCopiedStore).string());
 }
 
 absl::StatusOr<std::string> Run(const std::string& command, const ServerOptions& options) {

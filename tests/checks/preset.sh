@@ -12,13 +12,13 @@ case "$preset" in
   # The server, the client and what they stand on, and all that reads data.
   asan)
     programs=(kernels locks machine files probability scene artifact onnx data commonroad nuscenes
-      argoverse mixed_sources town evaluation tags errors security monitoring serving jobs rpc options client command
+      argoverse mixed_sources town evaluation tags errors security monitoring serving jobs store rpc options client command
       load plot report report_command)
     ;;
   # By GCC, since clang 14 does not compile LibTorch's headers. .ci/run has no time for them.
   asan-gcc) programs=(learning mixed_training) ;;
   # Libraries with threads, without gRPC, which is not instrumented.
-  tsan) programs=(locks machine files monitoring serving jobs) ;;
+  tsan) programs=(locks machine files monitoring serving jobs store) ;;
   # The kernels as the packages hold them, on each target of this processor and plain.
   portable) programs=(kernels) ;;
   *) echo "preset: asan, asan-gcc, tsan and portable are known" >&2; exit 2 ;;

@@ -58,6 +58,9 @@ NEVER = [
     ("server/serving", "server/rpc"),
     ("server/serving", "server/jobs"),
     ("server/jobs", "server/rpc"),
+    ("server/jobs", "server/store"),
+    ("server/rpc", "server/store"),
+    ("server/store", "server/rpc"),
     ("server/rpc", "server/maneuverd"),
 ]
 # The server links no LibTorch: the process that learns does.
@@ -68,8 +71,8 @@ LIBRARIES = {
     r"(ATen|torch|c10)/": ["model/learning"],
     r"grpc(pp)?/": ["server/rpc", "server/security", "server/maneuverd", "client"],
     r"prometheus/": ["server/monitoring"],
-    r"sqlite3\.h": ["server/jobs"],
-    r"libpq-fe\.h": ["server/jobs"],
+    r"sqlite3\.h": ["server/store"],
+    r"libpq-fe\.h": ["server/store"],
     r"opencv2/": ["model/scene", "client/plot"],
     r"png\.h": ["client/plot"],
     r"(oneapi/)?dnnl": ["model/inference"],

@@ -15,10 +15,10 @@
 #include "model/data/recording_index.h"
 #include "model/files/durable_file.h"
 #include "model/inference/action_model.h"
-#include "server/jobs/sqlite_store.h"
 #include "server/rpc/prediction_answers.h"
 #include "server/rpc/prediction_plan.h"
 #include "server/rpc/prediction_query.h"
+#include "server/store/sqlite_store.h"
 #include "tests/unit/temporary_folder.h"
 
 namespace maneuver::compatibility::data_folder_test {
@@ -101,7 +101,7 @@ TEST_P(DataFolderTest, TheDatasetIsWholeAndItsIndexIsUsed) {
 
 TEST_P(DataFolderTest, JobsAndAliasesAreThereAndStayThere) {
   for (int start = 0; start < 2; ++start) {
-    const auto store = jobs::SqliteStore::Open(folder_ / "maneuver.db");
+    const auto store = store::SqliteStore::Open(folder_ / "maneuver.db");
     ASSERT_TRUE(store.ok()) << store.status();
     const auto page = (*store)->List(10, "");
     ASSERT_TRUE(page.ok()) << page.status();

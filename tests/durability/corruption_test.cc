@@ -10,8 +10,8 @@
 #include "model/data/dataset_folder.h"
 #include "model/data/dataset_store.h"
 #include "model/data/recording_index.h"
-#include "server/jobs/sqlite_store.h"
 #include "server/serving/evaluation_files.h"
+#include "server/store/sqlite_store.h"
 #include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/temporary_folder.h"
 
@@ -144,7 +144,7 @@ v1::Job JobInState(const std::string& id, v1::JobState state) {
 }
 
 absl::StatusOr<std::string> ReadStore(const fs::path& folder) {
-  const auto store = jobs::SqliteStore::Open(folder / "maneuver.db");
+  const auto store = store::SqliteStore::Open(folder / "maneuver.db");
   if (!store.ok()) return store.status();
   std::string all;
   const auto page = (*store)->List(100, "");
@@ -176,7 +176,7 @@ absl::StatusOr<std::string> ReadStore(const fs::path& folder) {
 TEST(CorruptionTest, NoByteOfTheJobStoreIsAlteredInSilence) {
   const TemporaryFolder folder;
   {
-    const auto store = jobs::SqliteStore::Open(folder / "maneuver.db");
+    const auto store = store::SqliteStore::Open(folder / "maneuver.db");
     ASSERT_TRUE(store.ok()) << store.status();
     ASSERT_TRUE(
         (*store)->Add(JobInState("first", v1::JOB_STATE_PENDING), "request", "digest").ok());

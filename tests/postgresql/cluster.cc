@@ -16,7 +16,7 @@
 #include <thread>
 
 #include "absl/strings/str_cat.h"
-#include "server/jobs/postgresql_connection.h"
+#include "server/store/postgresql_connection.h"
 
 namespace maneuver::postgresql {
 namespace {
@@ -118,7 +118,7 @@ std::string Cluster::address() const {
 
 std::string Cluster::NewSchema() {
   const std::string schema = absl::StrCat("store_", ++schemas_);
-  auto connection = jobs::PostgresqlConnection::Open(address());
+  auto connection = store::PostgresqlConnection::Open(address());
   if (!connection.ok() || !(*connection)->RunScript(absl::StrCat("CREATE SCHEMA ", schema)).ok()) {
     return "";
   }
@@ -146,7 +146,7 @@ absl::Status Cluster::Resume() {
   for (const std::string& setting : settings) command.insert(command.end(), {"-c", setting});
   server_ = Spawn(command);
   for (int i = 0; i < 600; ++i) {
-    if (jobs::PostgresqlConnection::Open(address()).ok()) return absl::OkStatus();
+    if (store::PostgresqlConnection::Open(address()).ok()) return absl::OkStatus();
     std::this_thread::sleep_for(std::chrono::milliseconds(50));
   }
   return absl::DeadlineExceededError("PostgreSQL does not take connections");

@@ -1,4 +1,4 @@
-#include "server/jobs/postgresql_store.h"
+#include "server/store/postgresql_store.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -18,13 +18,13 @@
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_replace.h"
 #include "server/errors/error_details.h"
-#include "server/jobs/postgresql_schema.h"
-#include "server/jobs/stored_job.h"
+#include "server/store/postgresql_schema.h"
+#include "server/store/stored_job.h"
 #include "tests/postgresql/lossy_proxy.h"
 #include "tests/postgresql/shared_cluster.h"
-#include "tests/unit/server/jobs/store_suite.h"
+#include "tests/unit/server/store/store_suite.h"
 
-namespace maneuver::jobs::postgresql_store_test {
+namespace maneuver::store::postgresql_store_test {
 namespace {
 
 using postgresql::LossyProxy;
@@ -306,7 +306,7 @@ TEST_F(PostgresqlStoreTest, TenThousandJobsAreReadByIndexes) {
   const int64_t before = scans();
   auto store = Open(address_);
   std::string token;
-  std::vector<JobLease> leases;
+  std::vector<jobs::JobLease> leases;
   Time("list a page of 50", [&] {
     const auto page = store->List(50, token);
     if (page.ok()) token = page->next_page_token;
@@ -346,7 +346,7 @@ TEST_F(PostgresqlStoreTest, TenThousandJobsAreReadByIndexes) {
 // Each change, its connection lost as it is committed: before PostgreSQL has the commit, or after.
 struct LostChange {
   const char* name;
-  std::function<absl::Status(Store&, const JobLease& running)> change;
+  std::function<absl::Status(Store&, const jobs::JobLease& running)> change;
 };
 
 void PrintTo(const LostChange& change, std::ostream* out) { *out << change.name; }
@@ -401,51 +401,53 @@ TEST_P(LostCommitTest, ChangesNothingAndSucceedsWhenItIsRepeated) {
 
 INSTANTIATE_TEST_SUITE_P(
     All, LostCommitTest,
-    testing::Combine(testing::
-                         Values(
-                             LostChange{"Add",
-                                        [](Store& store, const JobLease&) {
-                                          return store.Add(PendingJob("new"), "another", "");
-                                        }},
-                             LostChange{"Move",
-                                        [](Store& store, const JobLease&) {
-                                          return store.Move(v1::JOB_STATE_PENDING,
-                                                            InState(PendingJob("pending"),
-                                                                    v1::JOB_STATE_CANCELLED));
-                                        }},
-                             LostChange{"Claim",
-                                        [](Store& store, const JobLease&) {
-                                          const auto claimed = store.Claim([](v1::Job& job) {
-                                            job.mutable_attempts()->set_started(1);
-                                          });
-                                          EXPECT_TRUE(!claimed.ok() || claimed->has_value());
-                                          return claimed.status();
-                                        }},
-                             LostChange{"Finish",
-                                        [](Store& store, const JobLease& running) {
-                                          return store.Finish(running, To(v1::JOB_STATE_SUCCEEDED));
-                                        }},
-                             LostChange{"RequestCancel",
-                                        [](Store& store, const JobLease& running) {
-                                          return store.RequestCancel(running.job).status();
-                                        }},
-                             LostChange{"AddProgress",
-                                        [](Store& store, const JobLease& running) {
-                                          return store.AddProgress(running, Event(1));
-                                        }},
-                             LostChange{"SetAlias",
-                                        [](Store& store, const JobLease&) {
-                                          return store.SetAlias({"town", "serving"}, 2);
-                                        }},
-                             LostChange{"NewAlias",
-                                        [](Store& store, const JobLease&) {
-                                          return store.SetAlias({"town", "candidate"}, 2);
-                                        }},
-                             LostChange{
-                                 "DeleteAlias",
-                                 [](Store& store, const JobLease&) {
-                                   return store.DeleteAlias({"town", "serving"});
-                                 }}),
+    testing::Combine(testing::Values(LostChange{"Add",
+                                                [](Store& store, const jobs::JobLease&) {
+                                                  return store.Add(PendingJob("new"), "another",
+                                                                   "");
+                                                }},
+                                     LostChange{"Move",
+                                                [](Store& store, const jobs::JobLease&) {
+                                                  return store.Move(
+                                                      v1::JOB_STATE_PENDING,
+                                                      InState(PendingJob("pending"),
+                                                              v1::JOB_STATE_CANCELLED));
+                                                }},
+                                     LostChange{"Claim",
+                                                [](Store& store, const jobs::JobLease&) {
+                                                  const auto claimed =
+                                                      store.Claim([](v1::Job& job) {
+                                                        job.mutable_attempts()->set_started(1);
+                                                      });
+                                                  EXPECT_TRUE(!claimed.ok() ||
+                                                              claimed->has_value());
+                                                  return claimed.status();
+                                                }},
+                                     LostChange{"Finish",
+                                                [](Store& store, const jobs::JobLease& running) {
+                                                  return store.Finish(running,
+                                                                      To(v1::JOB_STATE_SUCCEEDED));
+                                                }},
+                                     LostChange{"RequestCancel",
+                                                [](Store& store, const jobs::JobLease& running) {
+                                                  return store.RequestCancel(running.job).status();
+                                                }},
+                                     LostChange{"AddProgress",
+                                                [](Store& store, const jobs::JobLease& running) {
+                                                  return store.AddProgress(running, Event(1));
+                                                }},
+                                     LostChange{"SetAlias",
+                                                [](Store& store, const jobs::JobLease&) {
+                                                  return store.SetAlias({"town", "serving"}, 2);
+                                                }},
+                                     LostChange{"NewAlias",
+                                                [](Store& store, const jobs::JobLease&) {
+                                                  return store.SetAlias({"town", "candidate"}, 2);
+                                                }},
+                                     LostChange{"DeleteAlias",
+                                                [](Store& store, const jobs::JobLease&) {
+                                                  return store.DeleteAlias({"town", "serving"});
+                                                }}),
                      testing::Bool()),
     [](const auto& test) {
       return std::string(std::get<0>(test.param).name) +
@@ -453,11 +455,11 @@ INSTANTIATE_TEST_SUITE_P(
     });
 
 }  // namespace
-}  // namespace maneuver::jobs::postgresql_store_test
+}  // namespace maneuver::store::postgresql_store_test
 
-namespace maneuver::jobs {
+namespace maneuver::store {
 
 INSTANTIATE_TEST_SUITE_P(Postgresql, StoreTest,
                          testing::Values(&postgresql_store_test::NewPostgresqlStore));
 
-}  // namespace maneuver::jobs
+}  // namespace maneuver::store

@@ -10,11 +10,11 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
-#include "server/jobs/postgresql_store.h"
+#include "server/store/postgresql_store.h"
 #include "tests/postgresql/shared_cluster.h"
-#include "tests/unit/server/jobs/store_suite.h"
+#include "tests/unit/server/store/store_suite.h"
 
-namespace maneuver::jobs::query_plans_test {
+namespace maneuver::store::query_plans_test {
 namespace {
 
 using security::ModelVersionName;
@@ -55,7 +55,7 @@ class QueryPlansTest : public postgresql::WithStore {
     ASSERT_TRUE(store.CountInState(v1::JOB_STATE_SUCCEEDED).ok());
     const auto claimed = store.Claim([](v1::Job&) {});
     ASSERT_TRUE(claimed.ok() && *claimed) << claimed.status();
-    const JobLease lease = (*claimed)->lease;
+    const jobs::JobLease lease = (*claimed)->lease;
     ASSERT_TRUE(store.Renew(lease).ok());
     ASSERT_TRUE(store.AddProgress(lease, Event(1)).ok());
     ASSERT_TRUE(store.ListProgress(lease.job, 0, 10).ok());
@@ -127,4 +127,4 @@ TEST_F(QueryPlansTest, AStatementWithoutAnIndexIsNoticed) {
 }
 
 }  // namespace
-}  // namespace maneuver::jobs::query_plans_test
+}  // namespace maneuver::store::query_plans_test

@@ -10,12 +10,12 @@
 #include <vector>
 
 #include "locks/mutex.h"
-#include "server/jobs/postgresql_store.h"
 #include "server/jobs/replica_report.h"
+#include "server/store/postgresql_store.h"
 #include "tests/postgresql/shared_cluster.h"
-#include "tests/unit/server/jobs/store_suite.h"
+#include "tests/unit/server/store/store_suite.h"
 
-namespace maneuver::jobs::replicas_test {
+namespace maneuver::store::replicas_test {
 namespace {
 
 using testing::ElementsAre;
@@ -50,7 +50,7 @@ class ReplicasTest : public postgresql::WithStore {
     }
     return names;
   }
-  void Add(const std::string& id, const JobNeeds& needs, int priority = 0) {
+  void Add(const std::string& id, const jobs::JobNeeds& needs, int priority = 0) {
     v1::Job job = PendingJob(id);
     job.mutable_train()->mutable_settings()->set_device(needs.device);
     job.mutable_train()->set_ranks(static_cast<int>(needs.ranks));
@@ -59,7 +59,8 @@ class ReplicasTest : public postgresql::WithStore {
     ASSERT_TRUE(a_->Add(job, "", "").ok());
   }
   // The ids of all jobs that a server with this capacity takes, in order.
-  static std::vector<std::string> ClaimAll(PostgresqlStore& store, const WorkerCapacity& worker) {
+  static std::vector<std::string> ClaimAll(PostgresqlStore& store,
+                                           const jobs::WorkerCapacity& worker) {
     std::vector<std::string> ids;
     for (;;) {
       const auto claimed = store.Claim([](v1::Job&) {}, worker);
@@ -110,7 +111,7 @@ TEST_F(ReplicasTest, AServerThatNoLongerReportsIsNotLive) {
   ASSERT_TRUE(connection.ok());
   const auto age = (*connection)
                        ->Run("UPDATE replicas SET seen = seen - $1::int8 * interval '1 s'",
-                             {kReplicaLife.count()});
+                             {jobs::kReplicaLife.count()});
   ASSERT_TRUE(age.ok()) << age.status();
   ASSERT_TRUE(b_->Replicas()->Report(Called("b")).ok());
   EXPECT_THAT(Live(*a_), ElementsAre("b"));
@@ -129,7 +130,7 @@ TEST_F(ReplicasTest, AReportFollowsChangesAndTakesTheServerOffTheListAtTheEnd) {
     EXPECT_THAT(live, ElementsAre(wanted));
   };
   {
-    const ReplicaReport report(*a_->Replicas(), [&] {
+    const jobs::ReplicaReport report(*a_->Replicas(), [&] {
       const MutexLock lock(mutex);
       return Called(name);
     });
@@ -152,4 +153,4 @@ TEST_F(ReplicasTest, AStoreOfOneServerListsNone) {
 }
 
 }  // namespace
-}  // namespace maneuver::jobs::replicas_test
+}  // namespace maneuver::store::replicas_test

@@ -9,7 +9,7 @@
 #include <string>
 
 #include "absl/status/statusor.h"
-#include "server/jobs/postgresql_schema.h"
+#include "server/store/postgresql_schema.h"
 #include "tests/postgresql/cluster.h"
 #include "tests/postgresql/query_plans.h"
 
@@ -52,9 +52,9 @@ inline std::string AsTest(const std::string& address) { return address + "&appli
 // Returns the URI of a new store with its tables.
 inline absl::StatusOr<std::string> NewStoreAddress(Cluster& cluster) {
   std::string address = cluster.NewSchema();
-  const auto connection = jobs::PostgresqlConnection::Open(address);
+  const auto connection = store::PostgresqlConnection::Open(address);
   if (!connection.ok()) return connection.status();
-  const auto made = jobs::Migrate(**connection, jobs::StoreMigrations());
+  const auto made = store::Migrate(**connection, store::StoreMigrations());
   if (!made.ok()) return made.status();
   return address;
 }

@@ -14,14 +14,14 @@
 
 #include "absl/strings/str_replace.h"
 #include "server/errors/error_details.h"
-#include "server/jobs/postgresql_schema.h"
-#include "server/jobs/postgresql_store.h"
 #include "server/serving/version_store.h"
+#include "server/store/postgresql_schema.h"
+#include "server/store/postgresql_store.h"
 #include "tests/postgresql/lossy_proxy.h"
 #include "tests/postgresql/shared_cluster.h"
-#include "tests/unit/server/jobs/store_suite.h"
+#include "tests/unit/server/store/store_suite.h"
 
-namespace maneuver::jobs::shared_store_test {
+namespace maneuver::store::shared_store_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -57,7 +57,7 @@ class SharedStoreTest : public postgresql::WithStore {
   void EndLeases() { Execute("UPDATE jobs SET lease_end = clock_timestamp()"); }
 
   // A connection that was cut may hold the job for a moment.
-  static JobLease Claim(Store& store) {
+  static jobs::JobLease Claim(Store& store) {
     const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(20);
     while (std::chrono::steady_clock::now() < deadline) {
       const auto claimed = store.Claim([](v1::Job&) {});
@@ -73,7 +73,7 @@ class SharedStoreTest : public postgresql::WithStore {
     EXPECT_TRUE(taken.ok()) << taken.status();
     return taken.ok() ? NamesOf(*taken) : std::vector<std::string>();
   }
-  static Maker MakerOf(const JobLease& lease) { return {lease.job, lease.fence}; }
+  static Maker MakerOf(const jobs::JobLease& lease) { return {lease.job, lease.fence}; }
 
   // Makes a version that is there.
   void Announce(const ModelVersionName& name) { ASSERT_TRUE(a_->Ledger()->Adopt({name}).ok()); }
@@ -168,7 +168,7 @@ TEST_F(SharedStoreTest, EachJobIsClaimedByOneServer) {
 
 TEST_F(SharedStoreTest, AJobIsTakenOnceItsLeaseHasEndedAndNotBefore) {
   ASSERT_TRUE(a_->Add(PendingJob("a"), "", "").ok());
-  const JobLease lease = Claim(*a_);
+  const jobs::JobLease lease = Claim(*a_);
   EXPECT_TRUE(Take(*b_).empty());
   EndLeases();
   ASSERT_TRUE(a_->Renew(lease).ok());
@@ -197,7 +197,7 @@ TEST_F(SharedStoreTest, AJobThatAnOwnerLeftIsTaken) {
 TEST_F(SharedStoreTest, NothingThatALateWorkerWritesCounts) {
   ASSERT_TRUE(a_->Add(PendingJob("a"), "", "").ok());
   Announce({"town", 1});
-  const JobLease late = Claim(*a_);
+  const jobs::JobLease late = Claim(*a_);
   const auto number = a_->Ledger()->Reserve("town", MakerOf(late));
   ASSERT_TRUE(number.ok()) << number.status();
   EndLeases();
@@ -226,7 +226,7 @@ TEST_F(SharedStoreTest, NothingThatALateWorkerWritesCounts) {
 
 TEST_F(SharedStoreTest, TheWorkerOfAJobLearnsThatAnotherServerCancelledIt) {
   ASSERT_TRUE(a_->Add(PendingJob("a"), "", "").ok());
-  const JobLease lease = Claim(*a_);
+  const jobs::JobLease lease = Claim(*a_);
   EXPECT_FALSE(*a_->Renew(lease));
   ASSERT_TRUE(b_->RequestCancel("jobs/a").ok());
   EXPECT_TRUE(*a_->Renew(lease));
@@ -323,7 +323,7 @@ TEST_P(SharedLostCommitTest, ATakenLeaseIsNotGivenBackByItsFormerHolder) {
   EXPECT_TRUE(errors::IsStoreAway(through_->Claim([](v1::Job&) {}).status()));
   EndLeases();
   Take(*a_);
-  const JobLease lease = Claim(*a_);
+  const jobs::JobLease lease = Claim(*a_);
   Reconnect();
   EXPECT_TRUE(a_->AddProgress(lease, Event(1)).ok());
 }
@@ -382,10 +382,10 @@ TEST_F(SharedVersionsTest, AWorkerWhoseLeaseEndedPublishesNothing) {
   const auto here = Open(*a_);
   const auto there = Open(*b_);
   ASSERT_TRUE(a_->Add(PendingJob("a"), "", "").ok());
-  const JobLease late = Claim(*a_);
+  const jobs::JobLease late = Claim(*a_);
   // It ends while the version is checked, after its number was taken.
   const fs::path finished = FinishedModel();
-  JobLease present;
+  jobs::JobLease present;
   const auto refused = here->Publish("town", finished, MakerOf(late), [&](const auto&) {
     EndLeases();
     EXPECT_EQ(Take(*b_).size(), 1u);
@@ -419,4 +419,4 @@ TEST_F(SharedVersionsTest, AChangeOfLabelsHasARevisionOfItsOwn) {
 }
 
 }  // namespace
-}  // namespace maneuver::jobs::shared_store_test
+}  // namespace maneuver::store::shared_store_test

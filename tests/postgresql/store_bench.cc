@@ -21,8 +21,8 @@
 #include "locks/stop_latch.h"
 #include "model/data/dataset_folder.h"
 #include "model/data/dataset_store.h"
-#include "server/jobs/postgresql_schema.h"
-#include "server/jobs/postgresql_store.h"
+#include "server/store/postgresql_schema.h"
+#include "server/store/postgresql_store.h"
 #include "tests/postgresql/cluster.h"
 #include "tests/unit/model/data/recordings_for_tests.h"
 
@@ -57,7 +57,7 @@ v1::Job Job(int i) {
 }
 
 // Half of the jobs have ended, and each of those has events; the others wait.
-void Fill(jobs::Store& store) {
+void Fill(store::Store& store) {
   for (int i = 0; i < kJobs; ++i) {
     Check("add", store.Add(Job(i), absl::StrCat("request-", i), "digest"));
     if (i % 2 == 1) continue;
@@ -82,7 +82,7 @@ void Fill(jobs::Store& store) {
 }
 
 // What a server asks regularly, more often than it does.
-void Follow(jobs::Store& store, const std::vector<std::string>& watched) {
+void Follow(store::Store& store, const std::vector<std::string>& watched) {
   Check("follow", store.ListAliases().status());
   Check("follow", store.Ledger()->ListVersions().status());
   Check("follow", store.ListPositions(watched).status());
@@ -113,17 +113,17 @@ void Run() {
   if (!cluster.ok()) Fail("PostgreSQL", cluster.status());
   const std::string address = (*cluster)->NewSchema();
   {
-    const auto connection = jobs::PostgresqlConnection::Open(address);
+    const auto connection = store::PostgresqlConnection::Open(address);
     if (!connection.ok()) Fail("connect", connection.status());
-    Check("migrate", jobs::Migrate(**connection, jobs::StoreMigrations()).status());
+    Check("migrate", store::Migrate(**connection, store::StoreMigrations()).status());
   }
-  std::vector<std::unique_ptr<jobs::PostgresqlStore>> stores;
+  std::vector<std::unique_ptr<store::PostgresqlStore>> stores;
   for (int i = 0; i < 3; ++i) {
-    auto store = jobs::PostgresqlStore::Share(address);
+    auto store = store::PostgresqlStore::Share(address);
     if (!store.ok()) Fail("share", store.status());
     stores.push_back(*std::move(store));
   }
-  jobs::Store& store = *stores[0];
+  store::Store& store = *stores[0];
   const auto begun = steady_clock::now();
   Fill(store);
   std::cout << absl::StrFormat("filled in %.0f s\n\n",

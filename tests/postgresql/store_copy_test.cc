@@ -1,4 +1,4 @@
-#include "server/jobs/store_copy.h"
+#include "server/store/store_copy.h"
 
 #include <gmock/gmock.h>
 #include <google/protobuf/util/message_differencer.h>
@@ -9,14 +9,14 @@
 #include <string>
 #include <vector>
 
-#include "server/jobs/open_store.h"
-#include "server/jobs/sqlite_store.h"
 #include "server/jobs/worker_capacity.h"
+#include "server/store/open_store.h"
+#include "server/store/sqlite_store.h"
 #include "tests/postgresql/shared_cluster.h"
-#include "tests/unit/server/jobs/store_suite.h"
+#include "tests/unit/server/store/store_suite.h"
 #include "tests/unit/temporary_folder.h"
 
-namespace maneuver::jobs::store_copy_test {
+namespace maneuver::store::store_copy_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -113,18 +113,19 @@ TEST_F(StoreCopyTest, ACopiedJobWaitsForAServerThatCanRunIt) {
   auto store = OpenStore(data_dir(), address_);
   ASSERT_TRUE(store.ok()) << store.status();
   const auto begin = [](v1::Job&) {};
-  const auto other = (*store)->Claim(begin, WorkerCapacity{.devices = {"cpu"}});
+  const auto other = (*store)->Claim(begin, jobs::WorkerCapacity{.devices = {"cpu"}});
   ASSERT_TRUE(other.ok() && *other) << other.status();
   EXPECT_EQ((*other)->job.name(), "jobs/d");
-  for (const WorkerCapacity& small :
-       {WorkerCapacity{.devices = {"cpu"}}, WorkerCapacity{.devices = {"cuda"}, .ranks = 1},
-        WorkerCapacity{.devices = {"cuda"}, .memory_bytes = 1'999}}) {
+  for (const jobs::WorkerCapacity& small :
+       {jobs::WorkerCapacity{.devices = {"cpu"}},
+        jobs::WorkerCapacity{.devices = {"cuda"}, .ranks = 1},
+        jobs::WorkerCapacity{.devices = {"cuda"}, .memory_bytes = 1'999}}) {
     const auto none = (*store)->Claim(begin, small);
     ASSERT_TRUE(none.ok()) << none.status();
     EXPECT_FALSE(none->has_value());
   }
   const auto claimed = (*store)->Claim(
-      begin, WorkerCapacity{.devices = {"cuda"}, .ranks = 2, .memory_bytes = 2'000});
+      begin, jobs::WorkerCapacity{.devices = {"cuda"}, .ranks = 2, .memory_bytes = 2'000});
   ASSERT_TRUE(claimed.ok() && *claimed) << claimed.status();
   EXPECT_EQ((*claimed)->job.name(), "jobs/on-gpu");
 }
@@ -207,4 +208,4 @@ TEST_F(StoreCopyTest, ACheckFindsADamagedRow) {
 }
 
 }  // namespace
-}  // namespace maneuver::jobs::store_copy_test
+}  // namespace maneuver::store::store_copy_test

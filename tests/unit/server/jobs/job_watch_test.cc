@@ -6,7 +6,7 @@
 #include <memory>
 #include <string>
 
-#include "server/jobs/sqlite_store.h"
+#include "server/store/sqlite_store.h"
 #include "tests/unit/temporary_folder.h"
 
 namespace maneuver::jobs::job_watch_test {
@@ -37,7 +37,8 @@ class JobNewsTest : public testing::Test {
   }
 
   const TemporaryFolder folder_;
-  const std::unique_ptr<SqliteStore> store_ = *SqliteStore::Open(folder_ / "maneuver.db");
+  const std::unique_ptr<store::SqliteStore> store_ =
+      *store::SqliteStore::Open(folder_ / "maneuver.db");
   JobNews news_;
 };
 

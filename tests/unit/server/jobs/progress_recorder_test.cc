@@ -5,7 +5,7 @@
 #include <memory>
 
 #include "server/jobs/job_time.h"
-#include "server/jobs/sqlite_store.h"
+#include "server/store/sqlite_store.h"
 #include "tests/unit/temporary_folder.h"
 
 namespace maneuver::jobs::progress_recorder_test {
@@ -14,7 +14,7 @@ namespace {
 class ProgressRecorderTest : public testing::Test {
  protected:
   ProgressRecorderTest() {
-    store_ = *SqliteStore::Open(folder_ / "maneuver.db");
+    store_ = *store::SqliteStore::Open(folder_ / "maneuver.db");
     v1::Job job;
     job.set_name("jobs/a");
     job.set_state(v1::JOB_STATE_PENDING);
@@ -43,7 +43,7 @@ class ProgressRecorderTest : public testing::Test {
   }
 
   const TemporaryFolder folder_;
-  std::unique_ptr<SqliteStore> store_;
+  std::unique_ptr<store::SqliteStore> store_;
   JobLease lease_;
   JobNews news_;
   absl::Time now_ = absl::FromUnixSeconds(1'000);

@@ -20,8 +20,8 @@
 #include "maneuver/v1/status.pb.h"
 #include "model/data/dataset_folder.h"
 #include "server/jobs/job_state.h"
-#include "server/jobs/sqlite_store.h"
 #include "server/jobs/supervisor.h"
+#include "server/store/sqlite_store.h"
 #include "tests/unit/model/data/recordings_for_tests.h"
 #include "tests/unit/server/jobs/fake_model_versions.h"
 #include "tests/unit/temporary_folder.h"
@@ -84,7 +84,7 @@ class SupervisorTest : public testing::Test {
 
   void OpenStore() {
     store_.reset();
-    store_ = *SqliteStore::Open(folder_ / "maneuver.db");
+    store_ = *store::SqliteStore::Open(folder_ / "maneuver.db");
   }
 
   // Leaves a job as a server that was killed does: RUNNING, with `begin` applied and a last event.
@@ -180,7 +180,7 @@ done
 
   const TemporaryFolder folder_;
   std::unique_ptr<data::DatasetStore> datasets_;
-  std::unique_ptr<SqliteStore> store_;
+  std::unique_ptr<store::SqliteStore> store_;
   monitoring::MetricRegistry* job_metrics_ = &monitoring::MetricRegistry::Null();
   FakeModelVersions versions_{folder_.path()};
   std::unique_ptr<Supervisor> supervisor_;
