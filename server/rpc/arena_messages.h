@@ -1,4 +1,4 @@
-// Allocates the request and the response of each unary call in an arena. A scene is tens of
+// Allocates the request and the response of each unary call in an arena each. A scene is tens of
 // thousands of small objects; an arena takes them from a few blocks and frees them at once.
 
 #ifndef MANEUVER_SERVER_RPC_ARENA_MESSAGES_H_
@@ -24,13 +24,12 @@ inline google::protobuf::ArenaOptions CallArenaOptions() {
 class CallArena {
  public:
   virtual ~CallArena() = default;
-  // Returns an owner of the messages: they live as long as the call or the owner, whichever is
-  // longer.
+  // Returns an owner of the request: it lives as long as the owner, even if the call frees it.
   virtual std::shared_ptr<const void> Keep() const = 0;
 };
 
-// Returns an owner of a call's messages; nullptr if the method has no ArenaMessages.
-inline std::shared_ptr<const void> KeepMessages(grpc::RpcAllocatorState* state) {
+// Returns an owner of a call's request; nullptr if the method has no ArenaMessages.
+inline std::shared_ptr<const void> KeepRequest(grpc::RpcAllocatorState* state) {
   const auto* arena = dynamic_cast<const CallArena*>(state);
   return arena == nullptr ? nullptr : arena->Keep();
 }
@@ -44,15 +43,21 @@ class ArenaMessages final : public grpc::MessageAllocator<Request, Response> {
  private:
   class Messages final : public grpc::MessageHolder<Request, Response>, public CallArena {
    public:
-    Messages() : arena_(std::make_shared<google::protobuf::Arena>(CallArenaOptions())) {
-      this->set_request(google::protobuf::Arena::CreateMessage<Request>(arena_.get()));
-      this->set_response(google::protobuf::Arena::CreateMessage<Response>(arena_.get()));
+    Messages() {
+      this->set_request(google::protobuf::Arena::CreateMessage<Request>(request_arena_.get()));
+      this->set_response(google::protobuf::Arena::CreateMessage<Response>(&response_arena_));
     }
     void Release() override { delete this; }
-    std::shared_ptr<const void> Keep() const override { return arena_; }
+    void FreeRequest() override {
+      this->set_request(nullptr);
+      request_arena_ = nullptr;
+    }
+    std::shared_ptr<const void> Keep() const override { return request_arena_; }
 
    private:
-    const std::shared_ptr<google::protobuf::Arena> arena_;
+    std::shared_ptr<google::protobuf::Arena> request_arena_ =
+        std::make_shared<google::protobuf::Arena>(CallArenaOptions());
+    google::protobuf::Arena response_arena_{CallArenaOptions()};
   };
 };
 

@@ -6,6 +6,7 @@
 #include <grpcpp/server_context.h>
 #include <grpcpp/support/server_callback.h>
 
+#include <cstdint>
 #include <utility>
 
 #include "server/rpc/status_details.h"
@@ -23,15 +24,28 @@ inline absl::Status Busy() {
       std::chrono::seconds(1));
 }
 
+// Empties the request of a unary call that has its answer. gRPC keeps the message until the caller
+// has taken the answer, which may be never.
+template <typename Request>
+void FreeRequest(const Request* request) {
+  Request empty;
+  const_cast<Request*>(request)->Swap(&empty);
+}
+
 // Answers a unary call with the Status that `work` returns, from a thread of `pool`. Adds a reason
-// to failures of the disk that have none.
-template <typename Work>
+// to failures of the disk that have none. Refuses the call if too much waits.
+template <typename Request, typename Work>
 grpc::ServerUnaryReactor* AnswerFrom(WorkerPool& pool, grpc::CallbackServerContext* rpc,
-                                     Work work) {
+                                     const Request* request, Work work) {
   grpc::ServerUnaryReactor* reactor = rpc->DefaultReactor();
-  const bool accepted = pool.Post([reactor, work = std::move(work)] {
-    reactor->Finish(ToGrpcStatus(errors::WithStorageReason(work())));
-  });
+  const auto bytes = static_cast<int64_t>(request->ByteSizeLong());
+  const bool accepted = pool.Post(
+      [reactor, request, work = std::move(work)] {
+        const absl::Status status = errors::WithStorageReason(work());
+        FreeRequest(request);
+        reactor->Finish(ToGrpcStatus(status));
+      },
+      bytes);
   if (!accepted) reactor->Finish(ToGrpcStatus(Busy()));
   return reactor;
 }

@@ -125,7 +125,7 @@ grpc::ServerReadReactor<v1::UploadDatasetRequest>* DatasetService::UploadDataset
 grpc::ServerUnaryReactor* DatasetService::QueryUpload(grpc::CallbackServerContext* rpc,
                                                       const v1::QueryUploadRequest* request,
                                                       v1::QueryUploadResponse* response) {
-  return AnswerFrom(pool_, rpc,
+  return AnswerFrom(pool_, rpc, request,
                     [this, caller = access_.NameOf(CredentialsOf(*rpc)), request, response] {
                       return AnswerQueryUpload(datasets_, caller, *request, response);
                     });
@@ -134,7 +134,7 @@ grpc::ServerUnaryReactor* DatasetService::QueryUpload(grpc::CallbackServerContex
 grpc::ServerUnaryReactor* DatasetService::RegisterDataset(grpc::CallbackServerContext* rpc,
                                                           const v1::RegisterDatasetRequest* request,
                                                           v1::Dataset* response) {
-  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
     return Answer(Register(datasets_, *request), response);
   });
 }
@@ -142,14 +142,14 @@ grpc::ServerUnaryReactor* DatasetService::RegisterDataset(grpc::CallbackServerCo
 grpc::ServerUnaryReactor* DatasetService::ListDatasets(grpc::CallbackServerContext* rpc,
                                                        const v1::ListDatasetsRequest* request,
                                                        v1::ListDatasetsResponse* response) {
-  return AnswerFrom(pool_, rpc,
+  return AnswerFrom(pool_, rpc, request,
                     [this, request, response] { return ListPage(datasets_, *request, response); });
 }
 
 grpc::ServerUnaryReactor* DatasetService::GetDataset(grpc::CallbackServerContext* rpc,
                                                      const v1::GetDatasetRequest* request,
                                                      v1::Dataset* response) {
-  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
     const auto id = security::ParseDatasetName(request->name(), "name");
     return id.ok() ? Answer(datasets_.Get(*id), response) : id.status();
   });
@@ -158,7 +158,7 @@ grpc::ServerUnaryReactor* DatasetService::GetDataset(grpc::CallbackServerContext
 grpc::ServerUnaryReactor* DatasetService::DescribeDataset(grpc::CallbackServerContext* rpc,
                                                           const v1::DescribeDatasetRequest* request,
                                                           v1::DatasetSummary* response) {
-  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
     return Answer(Describe(datasets_, *request), response);
   });
 }
@@ -166,7 +166,7 @@ grpc::ServerUnaryReactor* DatasetService::DescribeDataset(grpc::CallbackServerCo
 grpc::ServerUnaryReactor* DatasetService::DeleteDataset(grpc::CallbackServerContext* rpc,
                                                         const v1::DeleteDatasetRequest* request,
                                                         google::protobuf::Empty*) {
-  return AnswerFrom(pool_, rpc, [this, request]() -> absl::Status {
+  return AnswerFrom(pool_, rpc, request, [this, request]() -> absl::Status {
     const auto id = security::ParseDatasetName(request->name(), "name");
     return id.ok() ? WithDatasetReason(jobs_.DeleteDataset(*id)) : id.status();
   });
@@ -175,14 +175,14 @@ grpc::ServerUnaryReactor* DatasetService::DeleteDataset(grpc::CallbackServerCont
 grpc::ServerUnaryReactor* DatasetService::ListScenarios(grpc::CallbackServerContext* rpc,
                                                         const v1::ListScenariosRequest* request,
                                                         v1::ListScenariosResponse* response) {
-  return AnswerFrom(pool_, rpc,
+  return AnswerFrom(pool_, rpc, request,
                     [this, request, response] { return ListPage(datasets_, *request, response); });
 }
 
 grpc::ServerUnaryReactor* DatasetService::GetScenario(grpc::CallbackServerContext* rpc,
                                                       const v1::GetScenarioRequest* request,
                                                       v1::Scenario* response) {
-  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
     const auto id = security::ParseDatasetName(request->parent(), "parent");
     if (!id.ok()) return id.status();
     auto scenario = datasets_.GetScenario(*id, request->scenario_id());

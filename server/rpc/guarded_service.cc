@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "server/errors/error_details.h"
 #include "server/rpc/grpc_internals.h"
 #include "server/rpc/status_details.h"
 
@@ -84,6 +85,13 @@ bool MakesRoom(std::string_view method) {
   return name.starts_with("Cancel") || name.starts_with("Delete");
 }
 
+// Methods that answer with a stream are asked by a name, and gRPC keeps the request until the end.
+absl::Status CheckSize(int64_t bytes) {
+  constexpr int64_t kMost = int64_t{64} << 10;
+  if (bytes <= kMost) return absl::OkStatus();
+  return errors::InvalidField("name", "comes in a request of more than 64 KiB; send less");
+}
+
 class GuardedHandler final : public MethodHandler {
  public:
   GuardedHandler(MethodHandler& guarded, std::string_view method, RpcMethod::RpcType type,
@@ -105,12 +113,14 @@ class GuardedHandler final : public MethodHandler {
   void RunHandler(const HandlerParameter& call) override {
     absl::Status status = access_.Admit(method_, CredentialsOf(*call.server_context));
     if (status.ok()) status = refusal_;
+    const int64_t bytes = RequestBytes(call);
     std::shared_ptr<const void> kept;  // until the request is parsed
     if (status.ok() && room_) {
-      auto room = room_(RequestBytes(call));
+      auto room = room_(bytes);
       status = room.status();
       if (room.ok()) kept = *std::move(room);
     }
+    if (status.ok() && type_ == RpcMethod::SERVER_STREAMING) status = CheckSize(bytes);
     if (status.ok() && worth_ && type_ == RpcMethod::NORMAL_RPC) {
       status = worth_(method_, DeadlineOf(*call.server_context),
                       Shared(static_cast<grpc_byte_buffer*>(call.request)));

@@ -228,7 +228,7 @@ ModelService::~ModelService() = default;
 grpc::ServerUnaryReactor* ModelService::ListModelVersions(
     grpc::CallbackServerContext* rpc, const v1::ListModelVersionsRequest* request,
     v1::ListModelVersionsResponse* response) {
-  return AnswerFrom(pool_, rpc, [this, request, response] {
+  return AnswerFrom(pool_, rpc, request, [this, request, response] {
     return ListPage(store_, table_, *request, response);
   });
 }
@@ -236,7 +236,7 @@ grpc::ServerUnaryReactor* ModelService::ListModelVersions(
 grpc::ServerUnaryReactor* ModelService::GetModelVersion(grpc::CallbackServerContext* rpc,
                                                         const v1::GetModelVersionRequest* request,
                                                         v1::ModelVersion* response) {
-  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
     const auto reference = security::ParseModelReference(request->name(), "name");
     if (!reference.ok()) return reference.status();
     auto version = DescribeReference(store_, table_, *reference);
@@ -248,7 +248,7 @@ grpc::ServerUnaryReactor* ModelService::GetModelVersion(grpc::CallbackServerCont
 grpc::ServerUnaryReactor* ModelService::DeleteModelVersion(
     grpc::CallbackServerContext* rpc, const v1::DeleteModelVersionRequest* request,
     google::protobuf::Empty*) {
-  return AnswerFrom(pool_, rpc, [this, request]() -> absl::Status {
+  return AnswerFrom(pool_, rpc, request, [this, request]() -> absl::Status {
     const auto name = security::ParseModelVersionName(request->name(), "name");
     return name.ok() ? table_.Delete(*name) : name.status();
   });
@@ -257,7 +257,7 @@ grpc::ServerUnaryReactor* ModelService::DeleteModelVersion(
 grpc::ServerUnaryReactor* ModelService::SetModelAlias(grpc::CallbackServerContext* rpc,
                                                       const v1::SetModelAliasRequest* request,
                                                       v1::ModelAlias* response) {
-  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
     const auto name = security::ParseModelAliasName(request->name(), "name");
     if (!name.ok()) return name.status();
     const auto version = security::ParseModelVersionName(request->model_version(), "model_version");
@@ -276,7 +276,7 @@ grpc::ServerUnaryReactor* ModelService::SetModelAlias(grpc::CallbackServerContex
 grpc::ServerUnaryReactor* ModelService::DeleteModelAlias(grpc::CallbackServerContext* rpc,
                                                          const v1::DeleteModelAliasRequest* request,
                                                          google::protobuf::Empty*) {
-  return AnswerFrom(pool_, rpc, [this, request]() -> absl::Status {
+  return AnswerFrom(pool_, rpc, request, [this, request]() -> absl::Status {
     const auto name = security::ParseModelAliasName(request->name(), "name");
     return name.ok() ? table_.DeleteAlias(*name) : name.status();
   });
@@ -285,7 +285,7 @@ grpc::ServerUnaryReactor* ModelService::DeleteModelAlias(grpc::CallbackServerCon
 grpc::ServerUnaryReactor* ModelService::GetActionSet(grpc::CallbackServerContext* rpc,
                                                      const v1::GetActionSetRequest* request,
                                                      v1::ActionSet* response) {
-  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
     const auto reference = security::ParseOptionalModelReference(request->name(), "name");
     if (!reference.ok()) return reference.status();
     auto version = DescribeReference(store_, table_, *reference);
@@ -308,7 +308,7 @@ grpc::ServerUnaryReactor* ModelService::GetActionSet(grpc::CallbackServerContext
 grpc::ServerUnaryReactor* ModelService::LabelAction(grpc::CallbackServerContext* rpc,
                                                     const v1::LabelActionRequest* request,
                                                     v1::Action* response) {
-  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
     const auto name = security::ParseModelVersionName(request->name(), "name");
     if (!name.ok()) return name.status();
     if (Characters(request->label()) > kMaxLabelLength) {
@@ -329,7 +329,7 @@ grpc::ServerUnaryReactor* ModelService::LabelAction(grpc::CallbackServerContext*
 grpc::ServerUnaryReactor* ModelService::ListEvaluationReports(
     grpc::CallbackServerContext* rpc, const v1::ListEvaluationReportsRequest* request,
     v1::ListEvaluationReportsResponse* response) {
-  return AnswerFrom(pool_, rpc, [this, request, response] {
+  return AnswerFrom(pool_, rpc, request, [this, request, response] {
     return ListReportsPage(store_, table_, *request, response);
   });
 }
@@ -337,7 +337,7 @@ grpc::ServerUnaryReactor* ModelService::ListEvaluationReports(
 grpc::ServerUnaryReactor* ModelService::GetEvaluationReport(
     grpc::CallbackServerContext* rpc, const v1::GetEvaluationReportRequest* request,
     v1::EvaluationReport* response) {
-  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
     const auto name = security::ParseEvaluationName(request->name(), "name");
     if (!name.ok()) return name.status();
     auto report = store_.GetReport(*name);
@@ -359,7 +359,7 @@ grpc::ServerReadReactor<v1::UploadModelVersionRequest>* ModelService::UploadMode
 grpc::ServerUnaryReactor* ModelService::QueryModelUpload(grpc::CallbackServerContext* rpc,
                                                          const v1::QueryModelUploadRequest* request,
                                                          v1::QueryModelUploadResponse* response) {
-  return AnswerFrom(pool_, rpc,
+  return AnswerFrom(pool_, rpc, request,
                     [this, caller = access_.NameOf(CredentialsOf(*rpc)), request, response] {
                       return AnswerQueryModelUpload(uploads_, caller, *request, response);
                     });

@@ -62,9 +62,11 @@ grpc::ServerUnaryReactor* OutcomeService::ReportOutcomes(grpc::CallbackServerCon
   const std::shared_ptr<void> share(nullptr, [this, bytes](void*) { bytes_ -= bytes; });
   const bool fits = (bytes_ += bytes) <= kMostWaitingBytes;
   const bool accepted = fits && scoring_.Post([this, reactor, rpc, request, response, share] {
-    reactor->Finish(ToGrpcStatus(maneuver::rpc::ReportOutcomes(
+    const absl::Status status = maneuver::rpc::ReportOutcomes(
         context_, metrics_, *request, OnSteadyClock(DeadlineOf(*rpc)),
-        [rpc] { return rpc->IsCancelled(); }, response, storage_.collection)));
+        [rpc] { return rpc->IsCancelled(); }, response, storage_.collection);
+    FreeRequest(request);
+    reactor->Finish(ToGrpcStatus(status));
   });
   if (!accepted) reactor->Finish(ToGrpcStatus(TooManyWait()));
   return reactor;
@@ -73,7 +75,7 @@ grpc::ServerUnaryReactor* OutcomeService::ReportOutcomes(grpc::CallbackServerCon
 grpc::ServerUnaryReactor* OutcomeService::CollectOutcomes(grpc::CallbackServerContext* rpc,
                                                           const v1::CollectOutcomesRequest* request,
                                                           v1::CollectOutcomesResponse* response) {
-  return AnswerFrom(context_.blocking, rpc, [this, request, response] {
+  return AnswerFrom(context_.blocking, rpc, request, [this, request, response] {
     return MakeOutcomeDataset(storage_, *request, response);
   });
 }

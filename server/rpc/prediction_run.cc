@@ -48,12 +48,13 @@ void PredictionRun::FindModel() {
   }
   auto model = context_.models.Find(*reference);
   if (model.ok() && *model == nullptr) {
-    const bool accepted =
-        context_.blocking.Post([self = shared_from_this(), reference = *reference] {
+    const bool accepted = context_.blocking.Post(
+        [self = shared_from_this(), reference = *reference] {
           auto loaded = self->context_.models.Load(reference);
           const auto status = loaded.ok() ? self->Submit(*std::move(loaded)) : loaded.status();
           if (!status.ok()) self->Finish(status);
-        });
+        },
+        io_.bytes);
     if (!accepted) Finish(Busy());
     return;
   }

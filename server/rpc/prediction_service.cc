@@ -29,9 +29,13 @@ class PredictionReactor final : public InlineReactor<grpc::ServerUnaryReactor> {
         return;
       }
     }
-    auto request = context.shadow == nullptr ? nullptr : KeepMessages(rpc.GetRpcAllocatorState());
+    auto request = context.shadow == nullptr ? nullptr : KeepRequest(rpc.GetRpcAllocatorState());
     auto run = PredictionRun::Start(context, io, OnSteadyClock(DeadlineOf(rpc)), std::move(request),
-                                    [this](absl::Status status) { Finish(ToGrpcStatus(status)); });
+                                    [this, &rpc](absl::Status status) {
+                                      // The call lasts until its caller has taken the answer, which may be never.
+                                      rpc.GetRpcAllocatorState()->FreeRequest();
+                                      Finish(ToGrpcStatus(status));
+                                    });
     const MutexLock lock(mutex_);
     run_ = std::move(run);
     if (cancelled_) run_->Cancel();
@@ -125,7 +129,7 @@ grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* PredictionService::
 grpc::ServerUnaryReactor* PredictionService::RegisterMap(grpc::CallbackServerContext* rpc,
                                                          const v1::RegisterMapRequest* request,
                                                          v1::RegisterMapResponse* response) {
-  return AnswerFrom(context_.blocking, rpc, [this, request, response] {
+  return AnswerFrom(context_.blocking, rpc, request, [this, request, response] {
     auto registered = context_.maps.Register(request->map_features());
     if (registered.ok()) {
       response->set_map_id(std::move(registered->id));

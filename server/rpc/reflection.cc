@@ -3,8 +3,12 @@
 #include <google/protobuf/descriptor.h>
 #include <google/protobuf/descriptor.pb.h>
 
+#include <cstddef>
 #include <set>
 #include <utility>
+
+#include "grpc/reflection/v1alpha/reflection.pb.h"
+#include "server/rpc/grpc_internals.h"
 
 namespace maneuver::rpc {
 namespace {
@@ -17,6 +21,12 @@ using google::protobuf::FileDescriptorProto;
 using grpc::reflection::v1::FileDescriptorResponse;
 using grpc::reflection::v1::ServerReflectionRequest;
 using grpc::reflection::v1::ServerReflectionResponse;
+
+// A tool makes one call. An answer has some 100 kB, and stays here until the caller has taken it.
+constexpr int kMostCalls = 64;
+// Names have at most some hundred bytes. The answer repeats the request.
+constexpr size_t kMostRequestBytes = 1 << 10;
+constexpr char kAlphaMethod[] = "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo";
 
 void SetError(grpc::StatusCode code, std::string message, ServerReflectionResponse* response) {
   response->mutable_error_response()->set_error_code(code);
@@ -71,13 +81,24 @@ void AnswerExtensions(const DescriptorPool& pool, const std::string& type,
 class ReflectionCall final
     : public grpc::ServerBidiReactor<ServerReflectionRequest, ServerReflectionResponse> {
  public:
-  explicit ReflectionCall(const std::vector<std::string>& services) : services_(services) {
+  //   open: is 1 higher until the call ends
+  ReflectionCall(const std::vector<std::string>& services, std::atomic<int>& open)
+      : services_(services), open_(open) {
+    if (++open_ > kMostCalls) {
+      Finish({grpc::StatusCode::RESOURCE_EXHAUSTED,
+              "too many reflection calls are open; try again a little later"});
+      return;
+    }
     StartRead(&request_);
   }
 
   void OnReadDone(bool ok) override {
     if (!ok) {
       Finish(grpc::Status::OK);
+      return;
+    }
+    if (request_.ByteSizeLong() > kMostRequestBytes) {
+      Finish({grpc::StatusCode::INVALID_ARGUMENT, "a reflection request has at most 1024 bytes"});
       return;
     }
     response_ = AnswerReflection(request_, services_);
@@ -90,10 +111,14 @@ class ReflectionCall final
       Finish(grpc::Status::CANCELLED);
     }
   }
-  void OnDone() override { delete this; }
+  void OnDone() override {
+    --open_;
+    delete this;
+  }
 
  private:
   const std::vector<std::string>& services_;
+  std::atomic<int>& open_;
   ServerReflectionRequest request_;
   ServerReflectionResponse response_;
 };
@@ -139,13 +164,22 @@ ServerReflectionResponse AnswerReflection(const ServerReflectionRequest& request
 
 ReflectionService::ReflectionService(std::vector<std::string> services)
     : services_(std::move(services)) {
-  services_.insert(services_.end(), {"grpc.health.v1.Health", "grpc.reflection.v1.ServerReflection",
-                                     "grpc.reflection.v1alpha.ServerReflection"});
+  services_.emplace_back("grpc.health.v1.Health");
+  for (const Descriptor* each :
+       {ServerReflectionRequest::descriptor(),
+        grpc::reflection::v1alpha::ServerReflectionRequest::descriptor()}) {
+    services_.push_back(each->file()->service(0)->full_name());
+  }
+  // gRPC's own v1alpha keeps a thread for each open call.
+  AddMethod(new RpcServiceMethod(kAlphaMethod, RpcMethod::BIDI_STREAMING, nullptr));
+  MarkMethodCallback(
+      1, new BidiHandler<ServerReflectionRequest, ServerReflectionResponse>(
+             [this](grpc::CallbackServerContext* rpc) { return ServerReflectionInfo(rpc); }));
 }
 
 grpc::ServerBidiReactor<ServerReflectionRequest, ServerReflectionResponse>*
 ReflectionService::ServerReflectionInfo(grpc::CallbackServerContext*) {
-  return new ReflectionCall(services_);
+  return new ReflectionCall(services_, calls_);
 }
 
 }  // namespace maneuver::rpc

@@ -1,9 +1,12 @@
-// grpc.reflection.v1: describes the server's services to tools such as grpcurl. gRPC's plugin serves
-// v1alpha beside it, which newer tools no longer ask.
+// grpc.reflection.v1: describes the server's services to tools such as grpcurl. v1alpha, which older
+// tools ask, has the same messages and gets the same answers.
+//
+// Strangers may call it. So it bounds what they can hold here: 64 calls at once, requests of 1 KiB.
 
 #ifndef MANEUVER_SERVER_RPC_REFLECTION_H_
 #define MANEUVER_SERVER_RPC_REFLECTION_H_
 
+#include <atomic>
 #include <string>
 #include <vector>
 
@@ -20,7 +23,7 @@ grpc::reflection::v1::ServerReflectionResponse AnswerReflection(
 
 class ReflectionService final : public grpc::reflection::v1::ServerReflection::CallbackService {
  public:
-  // Adds its own name and v1alpha's, and that of gRPC's health service.
+  // Serves both versions. Adds their names, and that of gRPC's health service.
   //   services: full names of the other services of the server
   explicit ReflectionService(std::vector<std::string> services);
 
@@ -30,6 +33,7 @@ class ReflectionService final : public grpc::reflection::v1::ServerReflection::C
 
  private:
   std::vector<std::string> services_;
+  std::atomic<int> calls_ = 0;  // that are open
 };
 
 }  // namespace maneuver::rpc

@@ -10,9 +10,9 @@ ReplicaService::ReplicaService(jobs::ReplicaRegistry* replicas, WorkerPool& pool
 ReplicaService::~ReplicaService() = default;
 
 grpc::ServerUnaryReactor* ReplicaService::ListReplicas(grpc::CallbackServerContext* rpc,
-                                                       const v1::ListReplicasRequest*,
+                                                       const v1::ListReplicasRequest* request,
                                                        v1::ListReplicasResponse* response) {
-  return AnswerFrom(pool_, rpc, [this, response]() -> absl::Status {
+  return AnswerFrom(pool_, rpc, request, [this, response]() -> absl::Status {
     if (replicas_ == nullptr) return absl::OkStatus();
     auto live = replicas_->ListLive();
     if (!live.ok()) return live.status();

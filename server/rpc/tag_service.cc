@@ -132,7 +132,7 @@ TagService::~TagService() = default;
 grpc::ServerUnaryReactor* TagService::ListTags(grpc::CallbackServerContext* rpc,
                                                const v1::ListTagsRequest* request,
                                                v1::ListTagsResponse* response) {
-  return AnswerFrom(pool_, rpc, [this, request, response] {
+  return AnswerFrom(pool_, rpc, request, [this, request, response] {
     return ListPage(jobs_.tag_store(), *request, response);
   });
 }
@@ -140,7 +140,7 @@ grpc::ServerUnaryReactor* TagService::ListTags(grpc::CallbackServerContext* rpc,
 grpc::ServerUnaryReactor* TagService::GetTags(grpc::CallbackServerContext* rpc,
                                               const v1::GetTagsRequest* request,
                                               v1::Tags* response) {
-  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
     const auto id = security::ParseTagsName(request->name(), "name");
     if (!id.ok()) return id.status();
     auto tags = jobs_.tag_store().Get(*id);
@@ -158,7 +158,7 @@ grpc::ServerWriteReactor<v1::DownloadTagsResponse>* TagService::DownloadTags(
 grpc::ServerUnaryReactor* TagService::DeleteTags(grpc::CallbackServerContext* rpc,
                                                  const v1::DeleteTagsRequest* request,
                                                  google::protobuf::Empty*) {
-  return AnswerFrom(pool_, rpc, [this, request]() -> absl::Status {
+  return AnswerFrom(pool_, rpc, request, [this, request]() -> absl::Status {
     const auto id = security::ParseTagsName(request->name(), "name");
     return id.ok() ? WithTagsReason(jobs_.DeleteTags(*id)) : id.status();
   });

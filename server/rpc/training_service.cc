@@ -58,21 +58,22 @@ TrainingService::~TrainingService() = default;
 grpc::ServerUnaryReactor* TrainingService::Train(grpc::CallbackServerContext* rpc,
                                                  const v1::TrainRequest* request,
                                                  v1::Job* response) {
-  return AnswerFrom(pool_, rpc,
+  return AnswerFrom(pool_, rpc, request,
                     [this, request, response] { return Answer(jobs_.Train(*request), response); });
 }
 
 grpc::ServerUnaryReactor* TrainingService::Evaluate(grpc::CallbackServerContext* rpc,
                                                     const v1::EvaluateRequest* request,
                                                     v1::Job* response) {
-  return AnswerFrom(
-      pool_, rpc, [this, request, response] { return Answer(jobs_.Evaluate(*request), response); });
+  return AnswerFrom(pool_, rpc, request, [this, request, response] {
+    return Answer(jobs_.Evaluate(*request), response);
+  });
 }
 
 grpc::ServerUnaryReactor* TrainingService::CrossValidate(grpc::CallbackServerContext* rpc,
                                                          const v1::CrossValidateRequest* request,
                                                          v1::Job* response) {
-  return AnswerFrom(pool_, rpc, [this, request, response] {
+  return AnswerFrom(pool_, rpc, request, [this, request, response] {
     return Answer(jobs_.CrossValidate(*request), response);
   });
 }
@@ -80,21 +81,21 @@ grpc::ServerUnaryReactor* TrainingService::CrossValidate(grpc::CallbackServerCon
 grpc::ServerUnaryReactor* TrainingService::Recalibrate(grpc::CallbackServerContext* rpc,
                                                        const v1::RecalibrateRequest* request,
                                                        v1::Job* response) {
-  return AnswerFrom(pool_, rpc, [this, request, response] {
+  return AnswerFrom(pool_, rpc, request, [this, request, response] {
     return Answer(jobs_.Recalibrate(*request), response);
   });
 }
 
 grpc::ServerUnaryReactor* TrainingService::Tag(grpc::CallbackServerContext* rpc,
                                                const v1::TagRequest* request, v1::Job* response) {
-  return AnswerFrom(pool_, rpc,
+  return AnswerFrom(pool_, rpc, request,
                     [this, request, response] { return Answer(jobs_.Tag(*request), response); });
 }
 
 grpc::ServerUnaryReactor* TrainingService::GetJob(grpc::CallbackServerContext* rpc,
                                                   const v1::GetJobRequest* request,
                                                   v1::Job* response) {
-  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
     const auto name = JobName(request->name());
     return name.ok() ? WithJobReason(Answer(jobs_.Get(*name), response)) : name.status();
   });
@@ -103,14 +104,14 @@ grpc::ServerUnaryReactor* TrainingService::GetJob(grpc::CallbackServerContext* r
 grpc::ServerUnaryReactor* TrainingService::ListJobs(grpc::CallbackServerContext* rpc,
                                                     const v1::ListJobsRequest* request,
                                                     v1::ListJobsResponse* response) {
-  return AnswerFrom(pool_, rpc,
+  return AnswerFrom(pool_, rpc, request,
                     [this, request, response] { return ListPage(jobs_, *request, response); });
 }
 
 grpc::ServerUnaryReactor* TrainingService::CancelJob(grpc::CallbackServerContext* rpc,
                                                      const v1::CancelJobRequest* request,
                                                      v1::Job* response) {
-  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
     const auto name = JobName(request->name());
     return name.ok() ? WithJobReason(Answer(jobs_.Cancel(*name), response)) : name.status();
   });
@@ -119,7 +120,7 @@ grpc::ServerUnaryReactor* TrainingService::CancelJob(grpc::CallbackServerContext
 grpc::ServerUnaryReactor* TrainingService::ResumeJob(grpc::CallbackServerContext* rpc,
                                                      const v1::ResumeJobRequest* request,
                                                      v1::Job* response) {
-  return AnswerFrom(pool_, rpc, [this, request, response]() -> absl::Status {
+  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
     const auto name = JobName(request->name());
     return name.ok() ? WithJobReason(Answer(jobs_.Resume(*name), response)) : name.status();
   });
@@ -128,7 +129,7 @@ grpc::ServerUnaryReactor* TrainingService::ResumeJob(grpc::CallbackServerContext
 grpc::ServerUnaryReactor* TrainingService::DeleteJob(grpc::CallbackServerContext* rpc,
                                                      const v1::DeleteJobRequest* request,
                                                      google::protobuf::Empty*) {
-  return AnswerFrom(pool_, rpc, [this, request]() -> absl::Status {
+  return AnswerFrom(pool_, rpc, request, [this, request]() -> absl::Status {
     const auto name = JobName(request->name());
     return name.ok() ? WithJobReason(jobs_.Delete(*name)) : name.status();
   });

@@ -4,7 +4,8 @@
 
 namespace maneuver::rpc {
 
-WorkerPool::WorkerPool(int threads, size_t max_waiting) : max_waiting_(max_waiting) {
+WorkerPool::WorkerPool(int threads, size_t max_waiting, int64_t max_bytes)
+    : max_waiting_(max_waiting), max_bytes_(max_bytes) {
   for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { Run(); });
 }
 
@@ -17,11 +18,13 @@ WorkerPool::~WorkerPool() {
   for (std::thread& thread : threads_) thread.join();
 }
 
-bool WorkerPool::Post(std::function<void()> work) {
+bool WorkerPool::Post(std::function<void()> work, int64_t bytes) {
   {
     const MutexLock lock(mutex_);
     if (waiting_.size() >= max_waiting_) return false;
-    waiting_.push_back(std::move(work));
+    if (bytes > 0 && bytes_ > 0 && bytes_ + bytes > max_bytes_) return false;
+    bytes_ += bytes;
+    waiting_.push_back({std::move(work), bytes});
   }
   changed_.NotifyOne();
   return true;
@@ -30,7 +33,7 @@ bool WorkerPool::Post(std::function<void()> work) {
 void WorkerPool::Continue(std::function<void()> work) {
   {
     const MutexLock lock(mutex_);
-    waiting_.push_back(std::move(work));
+    waiting_.push_back({std::move(work), 0});
   }
   changed_.NotifyOne();
 }
@@ -40,11 +43,12 @@ void WorkerPool::Run() {
   for (;;) {
     while (!ends_ && waiting_.empty()) changed_.Wait(mutex_);
     if (waiting_.empty()) return;
-    const std::function<void()> work = std::move(waiting_.front());
+    const Work work = std::move(waiting_.front());
     waiting_.pop_front();
     lock.Unlock();
-    work();
+    work.run();
     lock.Lock();
+    bytes_ -= work.bytes;
   }
 }
 

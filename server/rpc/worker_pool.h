@@ -4,6 +4,7 @@
 #define MANEUVER_SERVER_RPC_WORKER_POOL_H_
 
 #include <cstddef>
+#include <cstdint>
 #include <deque>
 #include <functional>
 #include <thread>
@@ -18,7 +19,8 @@ namespace maneuver::rpc {
 class WorkerPool {
  public:
   // Starts the threads. At most `max_waiting` pieces of work wait; more are refused.
-  WorkerPool(int threads, size_t max_waiting);
+  //   max_bytes: most bytes of all work that waits or runs. Work that is alone may have more.
+  WorkerPool(int threads, size_t max_waiting, int64_t max_bytes = int64_t{128} << 20);
   // Finishes all accepted work. Destroy the pool after everyone who posts to it.
   ~WorkerPool();
   WorkerPool(const WorkerPool&) = delete;
@@ -26,18 +28,26 @@ class WorkerPool {
 
   // Runs `work` soon, in order of acceptance. Returns false, and drops `work`, if too much is
   // waiting.
-  bool Post(std::function<void()> work);
+  //   bytes: what the work keeps in memory until it has run, such as a request
+  bool Post(std::function<void()> work, int64_t bytes = 0);
   // Queues the next step of work that Post accepted earlier. Never refuses. A piece of work may
   // have at most one step waiting.
   void Continue(std::function<void()> work);
 
  private:
+  struct Work {
+    std::function<void()> run;
+    int64_t bytes = 0;
+  };
+
   void Run();
 
   const size_t max_waiting_;
+  const int64_t max_bytes_;
   Mutex mutex_;
   CondVar changed_;
-  std::deque<std::function<void()>> waiting_ ABSL_GUARDED_BY(mutex_);
+  std::deque<Work> waiting_ ABSL_GUARDED_BY(mutex_);
+  int64_t bytes_ ABSL_GUARDED_BY(mutex_) = 0;  // of work that waits or runs
   bool ends_ ABSL_GUARDED_BY(mutex_) = false;
   std::vector<std::thread> threads_;
 };

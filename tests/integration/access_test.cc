@@ -194,6 +194,7 @@ TEST_F(AccessTest, EveryMethodAnswersEachCertificateAsTheRoleTableSays) {
             {},
             {},
             "CERTIFICATE_NOT_LISTED"},
+           {"an e-mail name", with("x", "email:planner.example"), {}, {}, "CERTIFICATE_NOT_LISTED"},
            {"certificate and token", listed, Bearer(token), {"admin"}, ""},
            {"certificate and wrong token", listed, Bearer("x"), {}, "TOKEN_UNKNOWN"},
        }) {

@@ -289,6 +289,13 @@ class ManagementTest(LiveTest):
             self.client.register_dataset("datasets/in-place", str(self.server.folder / "town"))
         self.assertEqual(raised.exception.reason, "FOLDER_NOT_ALLOWED")
 
+    def test_what_the_server_writes_is_nobody_elses(self):
+        data = self.server.folder / "data"
+        written = list(data.rglob("*"))
+        self.assertGreater(len(written), 10)
+        for path in written:
+            self.assertEqual(path.stat().st_mode & 0o077, 0, path)
+
     def test_lists_all_pages(self):
         summaries = list(self.client.list_scenarios("datasets/town"))
         self.assertEqual(len({one.scenario_id for one in summaries}), 24)

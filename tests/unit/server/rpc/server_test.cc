@@ -3,12 +3,16 @@
 #include <gmock/gmock.h>
 #include <grpc/support/time.h>
 
+#include <atomic>
 #include <latch>
 #include <limits>
 #include <thread>
 
 #include "absl/strings/str_cat.h"
+#include "grpc/reflection/v1/reflection.grpc.pb.h"
+#include "server/errors/error_details.h"
 #include "server/rpc/predict_stream.h"
+#include "server/security/identities.h"
 #include "server/security/secret_file.h"
 #include "tests/integration/raw_http2.h"
 #include "tests/unit/server/rpc/server_fixture.h"
@@ -451,6 +455,120 @@ TEST_F(ServerTest, AnswersRefusedEmptyAndMalformedCallsOfEachKind) {
   }
   v1::PredictResponse response;
   EXPECT_TRUE(Predict(OneScene(), &response).ok());
+}
+
+// A server without room for calls, which only callers with a token reach.
+TEST_F(ServerTest, WithoutRoomRefusesCallsOfEachKindButThoseThatRemoveSomething) {
+  Publish();
+  ASSERT_TRUE(
+      security::AppendLine(
+          folder_ / "tokens",
+          *security::TokenLine("ada", *security::RoleSet::Parse("predict,train,admin"), "secret"))
+          .ok());
+  const auto access =
+      security::AccessControl::Create({.identities = folder_ / "tokens"}, *metrics_);
+  ASSERT_TRUE(access.ok()) << access.status();
+  std::atomic<int> asked = 0;
+  const auto room = [&asked](int64_t) -> absl::StatusOr<std::shared_ptr<const void>> {
+    ++asked;
+    return errors::WithReason(absl::ResourceExhaustedError("full"), "MEMORY_FULL");
+  };
+  const auto full =
+      Server::Start({"127.0.0.1", 0},
+                    {{v1::PredictionService::service_full_name(), predictions_.get(), {}, {}, room},
+                     {v1::ModelService::service_full_name(), model_service_.get(), {}, {}, room}},
+                    **access, *metrics_);
+  ASSERT_TRUE(full.ok()) << full.status();
+  const auto channel =
+      grpc::CreateChannel((*full)->address().ToString(), grpc::InsecureChannelCredentials());
+  // A stranger does not learn that the server is full.
+  grpc::ByteBuffer answer;
+  EXPECT_EQ(
+      CallWithBytes(channel, "/maneuver.v1.PredictionService/Predict", "", &answer).error_code(),
+      grpc::StatusCode::UNAUTHENTICATED);
+  EXPECT_EQ(asked, 0);
+
+  const auto call = [&](const char* method) {
+    grpc::ClientContext context;
+    context.AddMetadata("authorization", "Bearer secret");
+    grpc::CompletionQueue queue;
+    const auto finished = [&queue] {
+      void* tag = nullptr;
+      bool ok = false;
+      queue.Next(&tag, &ok);
+    };
+    auto call = grpc::GenericStub(channel).PrepareCall(
+        &context, absl::StrCat("/maneuver.v1.", method), &queue);
+    call->StartCall(nullptr);
+    finished();
+    const grpc::Slice empty;
+    call->WriteLast(grpc::ByteBuffer(&empty, 1), grpc::WriteOptions(), nullptr);
+    finished();
+    grpc::Status status;
+    call->Finish(&status, nullptr);
+    finished();
+    return status;
+  };
+  for (const char* method :
+       {"PredictionService/Predict", "PredictionService/StreamPredict",
+        "PredictionService/RegisterMap", "ModelService/ListModelVersions",
+        "ModelService/DownloadModelVersion", "ModelService/UploadModelVersion"}) {
+    EXPECT_EQ(Reason(call(method)), "MEMORY_FULL") << method;
+  }
+  EXPECT_EQ(asked, 6);
+  for (const char* method : {"ModelService/DeleteModelVersion", "ModelService/DeleteModelAlias"}) {
+    EXPECT_EQ(call(method).error_code(), grpc::StatusCode::INVALID_ARGUMENT) << method;
+  }
+  EXPECT_EQ(asked, 6);
+}
+
+// Anybody may ask, without a token.
+TEST_F(ServerTest, BoundsWhatCallersOfReflectionHold) {
+  const auto stub = grpc::reflection::v1::ServerReflection::NewStub(channel_);
+  struct Call {
+    grpc::ClientContext context;
+    std::unique_ptr<grpc::ClientReaderWriter<grpc::reflection::v1::ServerReflectionRequest,
+                                             grpc::reflection::v1::ServerReflectionResponse>>
+        stream;
+  };
+  const auto open = [&stub](size_t bytes) {
+    auto call = std::make_unique<Call>();
+    call->stream = stub->ServerReflectionInfo(&call->context);
+    grpc::reflection::v1::ServerReflectionRequest request;
+    request.set_list_services("");
+    request.set_host(std::string(bytes, 'h'));
+    call->stream->Write(request);
+    return call;
+  };
+  grpc::reflection::v1::ServerReflectionResponse response;
+  auto large = open(2000);
+  EXPECT_FALSE(large->stream->Read(&response));
+  EXPECT_EQ(large->stream->Finish().error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+
+  std::vector<std::unique_ptr<Call>> calls;
+  while (calls.size() < 64) {
+    calls.push_back(open(10));
+    // The large one may not have ended yet.
+    if (!calls.back()->stream->Read(&response)) calls.pop_back();
+  }
+  auto refused = open(10);
+  EXPECT_FALSE(refused->stream->Read(&response));
+  EXPECT_EQ(refused->stream->Finish().error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
+  calls.clear();  // cancels them
+}
+
+// gRPC keeps such a request as long as the call.
+TEST_F(ServerTest, RefusesALargeRequestOfAMethodThatAnswersWithAStream) {
+  Publish();
+  v1::DownloadModelVersionRequest request;
+  request.set_name(std::string(65'536, 'a'));
+  grpc::ClientContext context;
+  v1::DownloadModelVersionResponse response;
+  const auto stream = model_stub_->DownloadModelVersion(&context, request);
+  EXPECT_FALSE(stream->Read(&response));
+  const grpc::Status status = stream->Finish();
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_THAT(status.error_message(), HasSubstr("64 KiB"));
 }
 
 TEST_F(ServerTest, AnInvalidAnswerFailsOnlyItsTarget) {

@@ -4,6 +4,7 @@
 
 #include <atomic>
 #include <future>
+#include <thread>
 
 namespace maneuver::rpc::worker_pool_test {
 namespace {
@@ -34,6 +35,26 @@ TEST(WorkerPoolTest, RefusesWorkBeyondTheLimitButNoContinuation) {
     release.set_value();
   }
   EXPECT_EQ(runs, 2);
+}
+
+TEST(WorkerPoolTest, RefusesWorkThatTogetherKeepsTooMuchInMemory) {
+  std::promise<void> started;
+  std::promise<void> release;
+  WorkerPool pool(1, 10, 100);
+  // Alone it may keep any number of bytes, and keeps them while it runs.
+  ASSERT_TRUE(pool.Post(
+      [&] {
+        started.set_value();
+        release.get_future().wait();
+      },
+      150));
+  started.get_future().wait();
+  EXPECT_FALSE(pool.Post([] {}, 1));
+  EXPECT_TRUE(pool.Post([] {}));
+  release.set_value();
+  std::promise<void> ran;
+  while (!pool.Post([&] { ran.set_value(); }, 60)) std::this_thread::yield();
+  ran.get_future().wait();
 }
 
 }  // namespace
