@@ -194,7 +194,7 @@ class LoadCommand {
       return absl::OkStatus();
     }
     if (!answer.ok()) return answer.status();
-    const load::Outcome outcome = load::OutcomeOf(answer);
+    const load::CallOutcome outcome = load::OutcomeOf(answer);
     if (outcome.targets > 0) return absl::OkStatus();
     return absl::InvalidArgumentError(
         absl::StrCat("the server refuses the request: ", outcome.refusal));

@@ -140,10 +140,11 @@ class LoadRun {
     }
     const TimePoint sent = timeline_.Now();
     call.timeout = due + allowed - sent;
-    callee_.Start(call, [this, due, sent](const Outcome& outcome) { OnEnd(due, sent, outcome); });
+    callee_.Start(call,
+                  [this, due, sent](const CallOutcome& outcome) { OnEnd(due, sent, outcome); });
   }
 
-  void OnEnd(TimePoint due, TimePoint sent, const Outcome& outcome) {
+  void OnEnd(TimePoint due, TimePoint sent, const CallOutcome& outcome) {
     const TimePoint now = timeline_.Now();
     {
       const MutexLock lock(mutex_);

@@ -61,7 +61,7 @@ class Callee {
   virtual ~Callee() = default;
 
   // Starts a call and returns. `on_end` is called once, on any thread, but not during Start.
-  virtual void Start(const PlannedCall& call, std::function<void(const Outcome&)> on_end) = 0;
+  virtual void Start(const PlannedCall& call, std::function<void(const CallOutcome&)> on_end) = 0;
   // Ends all calls in progress soon, and all that start later.
   virtual void CancelAll() = 0;
 };

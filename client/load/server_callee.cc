@@ -6,8 +6,8 @@
 
 namespace maneuver::load {
 
-Outcome OutcomeOf(const absl::StatusOr<v1::PredictResponse>& answer) {
-  Outcome outcome;
+CallOutcome OutcomeOf(const absl::StatusOr<v1::PredictResponse>& answer) {
+  CallOutcome outcome;
   outcome.status = answer.status();
   if (!answer.ok()) return outcome;
   const auto refuse = [&outcome](const v1::Status& error) {
@@ -27,7 +27,7 @@ Outcome OutcomeOf(const absl::StatusOr<v1::PredictResponse>& answer) {
   return outcome;
 }
 
-void ServerCallee::Start(const PlannedCall& call, std::function<void(const Outcome&)> on_end) {
+void ServerCallee::Start(const PlannedCall& call, std::function<void(const CallOutcome&)> on_end) {
   client::CallOptions options;
   options.timeout = absl::FromChrono(call.timeout);
   options.cancellation = &cancellation_;

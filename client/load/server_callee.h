@@ -20,7 +20,7 @@ class ServerCallee final : public Callee {
                const std::vector<client::PreparedPrediction>& requests)
       : connections_(connections), requests_(requests) {}
 
-  void Start(const PlannedCall& call, std::function<void(const Outcome&)> on_end) override;
+  void Start(const PlannedCall& call, std::function<void(const CallOutcome&)> on_end) override;
   void CancelAll() override { cancellation_.Cancel(); }
 
  private:
@@ -31,7 +31,7 @@ class ServerCallee final : public Callee {
 };
 
 // Returns what an answer says about its targets.
-Outcome OutcomeOf(const absl::StatusOr<v1::PredictResponse>& answer);
+CallOutcome OutcomeOf(const absl::StatusOr<v1::PredictResponse>& answer);
 
 }  // namespace maneuver::load
 

@@ -30,7 +30,7 @@ double Tally::Rate(int64_t count) const {
 }
 
 void Tally::Add(const Window& window, TimePoint due_at, TimePoint sent_at, TimePoint ended_at,
-                const Outcome& outcome) {
+                const CallOutcome& outcome) {
   if (outcome.status.ok() && window.Contains(ended_at)) {
     ++answered_calls;
     answered_targets += outcome.targets;

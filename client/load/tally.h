@@ -15,7 +15,7 @@
 namespace maneuver::load {
 
 // How one call ended.
-struct Outcome {
+struct CallOutcome {
   absl::Status status;       // with the server's details; see ErrorDetailsOf
   int targets = 0;           // answered
   int refused_targets = 0;   // refused within an answer whose status is OK
@@ -69,7 +69,7 @@ struct Tally {
 
   // Adds a call that has ended.
   void Add(const Window& window, TimePoint due_at, TimePoint sent_at, TimePoint ended_at,
-           const Outcome& outcome);
+           const CallOutcome& outcome);
 
  private:
   double Rate(int64_t count) const;

@@ -68,7 +68,7 @@ Predictions Predict(const Networks& networks, const ExampleFeatures& examples) {
     const WaypointMoments moments =
         LatentMoments(networks, posterior, networks.MeanResidual(scenes));
     log_p.push_back(log_p_y);
-    log_q.push_back(Responsibilities(networks, {x, scenes, {}}, log_p_y, posterior));
+    log_q.push_back(LogResponsibilities(networks, {x, scenes, {}}, log_p_y, posterior));
     means.push_back(moments.mean);
     covariances.push_back(moments.covariance);
     latents.push_back(posterior.mean);

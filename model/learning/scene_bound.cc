@@ -76,8 +76,8 @@ BoundTerms SceneBound(const Networks& networks, v1::Objective objective, Learnin
                       exact ? optimization.posterior_reconstruction_weight() : 0.0);
 }
 
-at::Tensor Responsibilities(const Networks& networks, const SceneBatch& batch,
-                            const at::Tensor& log_p_y, const Gaussian& posterior) {
+at::Tensor LogResponsibilities(const Networks& networks, const SceneBatch& batch,
+                               const at::Tensor& log_p_y, const Gaussian& posterior) {
   const Gaussian q_z = networks.EncodeTrajectories(batch.trajectories);
   const Gaussian mixture = networks.Mixture();
   const at::Tensor cross_entropy =

@@ -39,8 +39,8 @@ BoundTerms SceneBound(const Networks& networks, v1::Objective objective, Learnin
 
 // Returns ln q(y|x,s) as the engine computes it: that of the base model unless the model is a
 // unified one. [B, K]
-at::Tensor Responsibilities(const Networks& networks, const SceneBatch& batch,
-                            const at::Tensor& log_p_y, const Gaussian& posterior);
+at::Tensor LogResponsibilities(const Networks& networks, const SceneBatch& batch,
+                               const at::Tensor& log_p_y, const Gaussian& posterior);
 
 // Returns the weights of the bound's terms.
 //   share: factor from 0 to 1 of the divergences' weights during their warm-up

@@ -57,7 +57,7 @@ at::Tensor SceneCovarianceLoss(const Networks& networks, const SceneFeatures& sc
     at::NoGradGuard held_fixed;
     const at::Tensor log_p_y = networks.PredictActions(scenes);
     const Gaussian posterior = networks.EncodeScenarios(scenes);
-    q_y = Responsibilities(networks, {trajectories, scenes, {}}, log_p_y, posterior).exp();
+    q_y = LogResponsibilities(networks, {trajectories, scenes, {}}, log_p_y, posterior).exp();
     const at::Tensor means =
         networks.Decode(posterior.mean, networks.MeanResidual(scenes)).unflatten(2, {-1, 2});
     const at::Tensor u = MeanDirections(means + references.view({references.size(0), 1, -1, 2}),

@@ -62,7 +62,7 @@ class SimulatedServer final : public Callee {
   int most_in_flight = 0;
   int cancellations = 0;
 
-  void Start(const PlannedCall& call, std::function<void(const Outcome&)> on_end) override {
+  void Start(const PlannedCall& call, std::function<void(const CallOutcome&)> on_end) override {
     const TimePoint now = timeline_.Now();
     const int number = static_cast<int>(seen.size());
     seen.push_back({now, call.timeout, call.choice});
@@ -72,7 +72,7 @@ class SimulatedServer final : public Callee {
     if (done > stalls && begin < goes_on) {
       done = goes_on == TimePoint::max() ? goes_on : goes_on + service_time;
     }
-    Outcome outcome{answer ? answer(number) : absl::OkStatus(), 1};
+    CallOutcome outcome{answer ? answer(number) : absl::OkStatus(), 1};
     if (done > now + call.timeout) {
       done = now + call.timeout;
       outcome = {absl::DeadlineExceededError("late")};
@@ -92,8 +92,8 @@ class SimulatedServer final : public Callee {
 
  private:
   // Ends each call once, by whatever comes first.
-  std::function<void()> End(int number, std::function<void(const Outcome&)> on_end,
-                            const Outcome& outcome) {
+  std::function<void()> End(int number, std::function<void(const CallOutcome&)> on_end,
+                            const CallOutcome& outcome) {
     return [this, number, on_end = std::move(on_end), outcome] {
       if (pending_.erase(number) == 0) return;
       --in_flight;
@@ -103,7 +103,7 @@ class SimulatedServer final : public Callee {
 
   SimulatedTimeline& timeline_;
   TimePoint free_;
-  std::map<int, std::function<void(const Outcome&)>> pending_;
+  std::map<int, std::function<void(const CallOutcome&)>> pending_;
 };
 
 }  // namespace maneuver::load
