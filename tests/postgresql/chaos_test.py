@@ -211,6 +211,13 @@ class Chaos:
             self.mend_due()
             time.sleep(0.1)
 
+    def kill(self, server):
+        self._broken.add(server.name)
+        server.signal(signal.SIGKILL)
+        server.process.wait()
+        self._mends.append((time.monotonic() + self.chance.uniform(0.5, 8), server, lambda: server.start(server.program)))
+        self.done["kill"] += 1
+
     def break_something(self, kind):
         """One round. Waits until enough is whole for it."""
         if kind == "database":
@@ -225,12 +232,11 @@ class Chaos:
             self.wait(0.1)
         server = self.chance.choice([server for server in self.fleet.servers if server.name not in self._broken])
         self._broken.add(server.name)
-        after = self.chance.uniform(0.5, 8)
         if kind == "kill":
-            server.signal(signal.SIGKILL)
-            server.process.wait()
-            mend = lambda: server.start(server.program)
-        elif kind == "freeze":
+            self.kill(server)
+            return server.name
+        after = self.chance.uniform(0.5, 8)
+        if kind == "freeze":
             server.signal(signal.SIGSTOP)
             after = LEASE_S + self.chance.uniform(1, 4)
             mend = lambda: server.signal(signal.SIGCONT)
@@ -242,6 +248,35 @@ class Chaos:
         self._mends.append((time.monotonic() + after, server, mend))
         self.done[kind] += 1
         return server.name
+
+
+def lose_uploading_server(fleet, callers, chaos):
+    """Kills the server through which an upload goes, in its middle: the caller goes on through another one."""
+    from maneuver import uploads
+    uploads.CHUNK_BYTES = 64 * 1024
+    folder = fleet.make_dataset("resumed", 60)
+    killed, shown = [], []  # [bytes on the disk], all that the caller was shown since
+
+    def parts():
+        slots = (fleet.data / "datasets" / ".uploads").glob("resumed.*")
+        return [file for slot in slots for file in slot.iterdir() if not file.name.startswith(".")]
+
+    def on_progress(progress):
+        if killed:
+            shown.append(progress.there)
+        elif progress.there > progress.total / 2:
+            owners = lambda: [server for server in fleet.servers if server.has_open(parts())]
+            wait_for(lambda: sum(file.stat().st_size for file in parts()) > 0 and owners(), "bytes have arrived")
+            chaos.kill(owners()[0])
+            killed.append(sum(file.stat().st_size for file in parts()))
+
+    callers.fleet.client().upload_dataset(folder, "datasets/resumed", on_progress=on_progress, timeout=PATIENCE_S)
+    check(killed, "the upload was interrupted")
+    check(killed[0] in shown, f"of {killed[0]} bytes that had arrived none was sent again: {shown}")
+    for file in folder.iterdir():
+        there = (fleet.data / "datasets" / "resumed" / file.name).read_bytes()
+        check(file.suffix == ".json" or there == file.read_bytes(), f"{file.name} is whole")
+    print(f"an upload whose server was killed went on through another one, from byte {killed[0]} of {shown[-1]}", flush=True)
 
 
 def versions_on_disk(fleet, model):
@@ -338,6 +373,7 @@ def run(options, fleet, kinds):
     callers.start()
     rounds = 0
     try:
+        lose_uploading_server(fleet, callers, chaos)
         chaos.wait(2)
         while rounds < options.rounds and time.monotonic() < begun + 60 * options.minutes and not callers.broken:
             # Each kind once in so many rounds as there are kinds.

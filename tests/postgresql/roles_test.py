@@ -87,6 +87,10 @@ def replicas(fleet, server, model):
     return dict(re.findall(r"^(\S+) {2,}((?:\w+ \d+(?:, )?)+|-)$", text[text.find("REPLICA"):], re.MULTILINE))
 
 
+def without_worker(server):
+    return int(re.search(r"^maneuver_jobs_without_worker (\d+)", server.metrics_page(), re.MULTILINE)[1])
+
+
 def a_drained_worker(fleet, weights):
     api = fleet.servers["api"]
     job, _ = fleet.train(api, "drained")
@@ -115,8 +119,10 @@ def run(options, work, fleet, cluster):
     alone = subprocess.run([options.maneuverd, "--data-dir", fleet.data, "--role", "work"], capture_output=True, text=True)
     check(alone.returncode == 2 and "--role work needs --shared" in alone.stderr, alone.stderr)
 
-    api, serve = fleet.start("api", "api"), fleet.start("serve", "serve")
-    api.maneuver("synthesize", work / "town", "--recordings", 8)
+    subprocess.run([options.maneuver, "synthesize", work / "town", "--recordings", "8"], check=True, capture_output=True)
+    size = sum(shard.stat().st_size for shard in (work / "town").glob("*.tfrecord*"))
+    quota = ("--dataset-quota", str(size * 3 // 2))
+    api, serve = fleet.start("api", "api", *quota), fleet.start("serve", "serve", *quota)
     scene = work / "scene.json"
     name = re.search('"(town-[^"]*)"', api.maneuver("scenario", "list", work / "town"))[1]
     api.maneuver("scenario", "extract", work / "town", name, "--out", scene)
@@ -131,9 +137,13 @@ def run(options, work, fleet, cluster):
     wait_for(lambda: replicas(fleet, api, "small") == {"serve": "serving 1"}, "each knows what the others have loaded")
 
     serve.maneuver("dataset", "upload", work / "town", "town")
+    refused = api.ask("dataset", "upload", work / "town", "again")
+    check(refused.returncode != 0 and "DATASET_QUOTA" in refused.stdout + refused.stderr,
+          f"the quota counts what came through another server: {refused.stdout}{refused.stderr}")
     calm, said = fleet.train(serve, "calm")
     check("waits: no server can run it: no server that runs jobs is up" in said, said)
     check("no server that runs jobs is up" in api.job(calm)["error"]["message"], api.job(calm))
+    wait_for(lambda: without_worker(serve) == 1, "the metric counts the job that waits")
     first = fleet.start("work-1", "work", "--job-ranks", "2")
     ended = fleet.ended(api, calm)
     check(ended["state"] == "JOB_STATE_SUCCEEDED", ended)
@@ -144,11 +154,13 @@ def run(options, work, fleet, cluster):
     wide, said = fleet.train(api, "wide", "--ranks", "4")
     check("needs 4 ranks, and the servers that run jobs take at most 2" in said, said)
     check("4 ranks" in serve.job(wide)["error"]["message"], serve.job(wide))
+    wait_for(lambda: without_worker(api) == 1, "the metric counts a job that is too large for the worker")
     narrow, said = fleet.train(api, "narrow", "--priority", "-1")
     check("waits" not in said, said)
     check(fleet.ended(serve, narrow)["state"] == "JOB_STATE_SUCCEEDED", "a job that waits keeps no other from running")
     serve.maneuver("job", "cancel", wide)
     check(api.job(wide)["state"] == "JOB_STATE_CANCELLED" and "error" not in api.job(wide), api.job(wide))
+    wait_for(lambda: without_worker(serve) == 0, "no job waits in vain any more")
 
     fleet.start("work-2", "work")
     a_drained_worker(fleet, fleet.weights("calm"))

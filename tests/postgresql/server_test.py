@@ -55,6 +55,12 @@ def wait_for(condition, what):
         time.sleep(0.05)
 
 
+def postgresql_user():
+    """Who runs PostgreSQL if this program is root."""
+    names = [user.pw_name for user in pwd.getpwall()]
+    return pwd.getpwnam("postgres" if "postgres" in names else "nobody")
+
+
 class Cluster:
     """PostgreSQL on a Unix socket of its own, as an unprivileged user."""
 
@@ -64,8 +70,7 @@ class Cluster:
         self._as = {}
         folder.mkdir(mode=0o755)
         if os.getuid() == 0:
-            names = [user.pw_name for user in pwd.getpwall()]
-            user = pwd.getpwnam("postgres" if "postgres" in names else "nobody")
+            user = postgresql_user()
             self._as = {"user": user.pw_uid, "group": user.pw_gid, "extra_groups": []}
             os.chown(folder, user.pw_uid, user.pw_gid)
         (folder / "password").write_text(self.password + "\n")

@@ -19,7 +19,7 @@ REPOSITORY = pathlib.Path(__file__).resolve().parent.parent.parent
 sys.path.insert(0, str(REPOSITORY / "tests" / "balancing"))
 
 from replicas import free_port  # noqa: E402
-from server_test import POSTGRESQL, SETTINGS, Cluster, check, store, wait_for  # noqa: E402
+from server_test import POSTGRESQL, SETTINGS, Cluster, check, postgresql_user, store, wait_for  # noqa: E402
 
 INSIDE = "MANEUVER_TEST_NETWORK"
 DATABASE_PORT = 5433
@@ -35,6 +35,14 @@ def enter():
         print("no network namespaces here: links are not cut")
         return False
     os.execvpe("unshare", [*unshare, sys.executable, *sys.argv], dict(os.environ, **{INSIDE: "1"}))
+
+
+def make_certificate(certificate, key, addresses):
+    """A certificate that is its own authority."""
+    names = ",".join(f"IP:{address}" for address in addresses)
+    subprocess.run(["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes",
+                    "-days", "2", "-subj", "/CN=localhost", "-addext", f"subjectAltName={names}", "-keyout", key,
+                    "-out", certificate], check=True, capture_output=True)
 
 
 def ip(*arguments):
@@ -86,23 +94,37 @@ class Loopback:
 
 
 class NetworkCluster(Cluster):
-    """PostgreSQL that listens on all addresses, too."""
+    """PostgreSQL that listens on all addresses, too, where it wants TLS."""
 
-    def __init__(self, folder, network, *settings):
-        self._settings = settings
+    def __init__(self, folder, network, servers, *settings):
         self._network = network
+        self.authority, key = folder.with_suffix(".crt"), folder.with_suffix(".key")
+        make_certificate(self.authority, key, sorted({network.near("db", i) for i in range(servers)}))
+        if os.getuid() == 0:
+            os.chown(key, postgresql_user().pw_uid, -1)
+        key.chmod(0o600)
+        self._settings = ("ssl=on", f"ssl_cert_file={self.authority}", f"ssl_key_file={key}", *settings)
         self.port = DATABASE_PORT if isinstance(network, Network) else free_port()
         super().__init__(folder)
 
-    def uri(self, database="postgres", server=None):
-        host = self.folder if server is None else self._network.near("db", server)
-        return f"postgresql://maneuver@/{database}?host={host}&port={self.port}&passfile={self.passfile}"
+    def uri(self, database="postgres", server=None, authority=None):
+        tls = ""
+        host = self.folder
+        if server is not None:
+            host = self._network.near("db", server)
+            tls = f"&sslmode=verify-full&sslrootcert={authority or self.authority}"
+        return f"postgresql://maneuver@/{database}?host={host}&port={self.port}&passfile={self.passfile}{tls}"
+
+    def service(self, server):
+        """The same for one server, as a section of a service file."""
+        return (f"[server{server}]\nhost={self._network.near('db', server)}\nport={self.port}\nuser=maneuver\n"
+                f"dbname=postgres\npassfile={self.passfile}\nsslmode=verify-full\nsslrootcert={self.authority}\n")
 
     def start(self):
         hba = self.folder / "data" / "pg_hba.conf"
         if "0.0.0.0/0" not in hba.read_text():
             with open(hba, "a", encoding="utf-8") as file:
-                file.write("host all all 0.0.0.0/0 scram-sha-256\n")
+                file.write("hostssl all all 0.0.0.0/0 scram-sha-256\n")
         flags = [word for setting in (f"listen_addresses=*", f"port={self.port}", *self._settings)
                  for word in ("-c", setting)]
         with open(self.folder / "log", "ab") as log:
@@ -138,16 +160,28 @@ class SharingServer:
 
     def start(self, program):
         self.program = program
+        # The first one's address is a URI; those of the others are in a service file.
+        store = f"postgresql:///?service=server{self.i}" if self.i else self.fleet.cluster.uri(server=self.i)
         command = [*self.fleet.network.command(self.i), program, "--data-dir", self.fleet.data, "--trainer",
                    self.fleet.options.trainer, "--listen", self.address, "--metrics-listen", self.metrics, "--insecure",
                    "--checkpoint-interval", "0.1", "--workers", "1", "--shutdown-delay", "3", "--shared", "--store",
-                   self.fleet.cluster.uri(server=self.i), *self.fleet.flags]
+                   store, *self.fleet.flags]
         self.starts += 1
         with open(self.log, "ab") as log:
-            self.process = subprocess.Popen(command, stdout=log, stderr=log)
+            self.process = subprocess.Popen(command, stdout=log, stderr=log, env=self.fleet.environment)
 
     def is_running(self):
         return self.process.poll() is None
+
+    def has_open(self, files):
+        """Whether it has one of them open."""
+        opened = set()
+        for descriptor in pathlib.Path(f"/proc/{self.process.pid}/fd").glob("*"):
+            try:
+                opened.add(descriptor.readlink())
+            except FileNotFoundError:
+                pass  # closed meanwhile
+        return bool(opened & set(files))
 
     def signal(self, number):
         if self.is_running():
@@ -162,9 +196,7 @@ class SharingBalancer:
         self.address = f"127.0.0.1:{free_port()}"
         self.authority = work / "edge.crt"
         key = work / "edge.key"
-        subprocess.run(["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes",
-                        "-days", "2", "-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1",
-                        "-keyout", key, "-out", self.authority], check=True, capture_output=True)
+        make_certificate(self.authority, key, ["127.0.0.1"])
         certificate = work / "edge.pem"
         certificate.write_bytes(self.authority.read_bytes() + key.read_bytes())
         self._admin = work / "admin.sock"
@@ -207,22 +239,23 @@ class SharingBalancer:
 class SharingFleet:
     """The database, the servers, HAProxy, and clients of it."""
 
-    def __init__(self, options, work, in_network, servers=3, flags=(), settings=(), program=None):
+    def __init__(self, options, work, in_network, servers=3, flags=(), settings=(), environment=None):
         self.options, self.work, self.flags = options, work, flags
+        self.environment = dict(os.environ, PGSERVICEFILE=str(work / "services"), **(environment or {}))  # of servers
         self.data = work / "data"
         self.network = Network(servers) if in_network else Loopback()
         self.servers, self.balancer, self._clients = [], None, []
-        self.cluster = NetworkCluster(work / "postgresql", self.network, *settings)
-        program = program or options.maneuverd
+        self.cluster = NetworkCluster(work / "postgresql", self.network, servers, *settings)
         try:
-            made = self.migrate(program)
+            (work / "services").write_text("".join(self.cluster.service(i) for i in range(servers)))
+            made = self.migrate(options.maneuverd)
             check(made.returncode == 0, made.stderr)
             for version in (1, 2):
                 folder = self.data / "models" / "small" / str(version)
                 folder.parent.mkdir(parents=True, exist_ok=True)
                 subprocess.run([options.small_model, folder, str(version)], check=True)
             for i in range(servers):
-                self.servers.append(SharingServer(self, i, program))
+                self.servers.append(SharingServer(self, i, options.maneuverd))
             self.balancer = SharingBalancer(self)
             first = self.client(self.servers[0].address)
             self.patiently(lambda: first.set_model_alias("models/small/aliases/serving", "models/small/versions/1"))
@@ -231,6 +264,18 @@ class SharingFleet:
         except BaseException:
             self.stop()
             raise
+
+    def check_sessions(self):
+        """Each server has a session that works and one that listens, by TLS, and trusts only the authority it is given."""
+        ask = lambda what: int(self.cluster.ask(
+            "SELECT count(*) FROM pg_stat_activity JOIN pg_stat_ssl USING (pid) WHERE application_name = 'maneuverd'"
+            f" AND client_addr IS NOT NULL AND {what}")[0][0])
+        wait_for(lambda: ask("query = 'LISTEN maneuver_models'") == len(self.servers), "each server listens")
+        wait_for(lambda: ask("ssl") == 2 * len(self.servers), "the sessions of each server use TLS")
+        check(ask("NOT ssl") == 0, "no session is without TLS")
+        other = self.cluster.uri(server=0, authority=self.balancer.authority)
+        refused = subprocess.run([self.options.maneuverd, "store", "check", "--store", other], capture_output=True, text=True)
+        check(refused.returncode != 0 and "certificate verify failed" in refused.stderr, refused.stderr)
 
     def migrate(self, program):
         return subprocess.run([program, "store", "migrate", "--store", self.cluster.uri()], capture_output=True,
