@@ -9,7 +9,7 @@
 namespace maneuver::jobs {
 namespace {
 
-constexpr std::chrono::seconds kBetweenAttempts{1};
+constexpr std::chrono::seconds kBetweenConnections{1};
 
 }  // namespace
 
@@ -25,7 +25,7 @@ PostgresqlListener::PostgresqlListener(std::string address, std::function<void()
       stop_event_(eventfd(0, EFD_CLOEXEC)) {
   thread_ = std::thread([this] {
     do Listen();
-    while (!stop_.StoppedWithin(kBetweenAttempts));
+    while (!stop_.StoppedWithin(kBetweenConnections));
   });
 }
 
