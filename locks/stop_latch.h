@@ -23,12 +23,23 @@ class StopLatch {
     changed_.NotifyAll();
   }
 
-  // Waits for `time` or until Stop. Returns whether Stop was called.
+  // Ends the present wait, or else the next one, before its time. For a latch on which one thread
+  // waits.
+  void Wake() ABSL_LOCKS_EXCLUDED(mutex_) {
+    {
+      const MutexLock lock(mutex_);
+      woken_ = true;
+    }
+    changed_.NotifyAll();
+  }
+
+  // Waits for `time` or until Stop or Wake. Returns whether Stop was called.
   bool StoppedWithin(std::chrono::nanoseconds time) ABSL_LOCKS_EXCLUDED(mutex_) {
     const auto end = std::chrono::steady_clock::now() + time;
     const MutexLock lock(mutex_);
-    while (!stopped_ && changed_.WaitUntil(mutex_, end)) {
+    while (!stopped_ && !woken_ && changed_.WaitUntil(mutex_, end)) {
     }
+    woken_ = false;
     return stopped_;
   }
 
@@ -36,6 +47,7 @@ class StopLatch {
   Mutex mutex_;
   CondVar changed_;
   bool stopped_ ABSL_GUARDED_BY(mutex_) = false;
+  bool woken_ ABSL_GUARDED_BY(mutex_) = false;
 };
 
 }  // namespace maneuver

@@ -17,6 +17,7 @@
 #include "model/files/durable_file.h"
 #include "model/files/errno_status.h"
 #include "model/files/file_receiver.h"
+#include "model/files/file_system_failure.h"
 #include "model/machine/usable_cores.h"
 
 namespace maneuver::data {
@@ -141,16 +142,22 @@ absl::StatusOr<std::unique_ptr<DatasetStore>> DatasetStore::Open(
   return store;
 }
 
-bool DatasetStore::Contains(const std::string& id) const {
+absl::Status DatasetStore::CheckExists(const std::string& id) const {
   std::error_code error;
-  return fs::exists(FolderOf(id) / kManifestFile, error);
+  const bool exists = fs::exists(FolderOf(id) / kManifestFile, error);
+  // It may be there all the same.
+  if (error) return files::ErrnoStatus(error.value(), "read", FolderOf(id));
+  return exists ? absl::OkStatus() : NoSuchDataset(id);
+}
+
+absl::Status DatasetStore::WhyUnread(const std::string& id, absl::Status status) const {
+  absl::Status exists = CheckExists(id);
+  return exists.ok() ? status : exists;
 }
 
 absl::StatusOr<v1::Dataset> DatasetStore::Get(const std::string& id) const {
   auto manifest = ReadDatasetManifest(FolderOf(id));
-  // The dataset may have been removed meanwhile.
-  if (!manifest.ok() && !Contains(id)) return NoSuchDataset(id);
-  if (!manifest.ok()) return manifest.status();
+  if (!manifest.ok()) return WhyUnread(id, manifest.status());
   manifest->set_name(absl::StrCat("datasets/", id));
   return manifest;
 }
@@ -162,7 +169,10 @@ absl::StatusOr<std::vector<std::string>> DatasetStore::List(const std::string& a
   fs::directory_iterator entry(folder_, error);
   for (; !error && entry != fs::directory_iterator(); entry.increment(error)) {
     std::string name = entry->path().filename().string();
-    if (name.front() != '.' && name > after && Contains(name)) ids.push_back(std::move(name));
+    if (name.front() == '.' || name <= after) continue;
+    const absl::Status exists = CheckExists(name);
+    if (files::IsFileSystemFailure(exists)) return exists;
+    if (exists.ok()) ids.push_back(std::move(name));
   }
   if (error) return files::ErrnoStatus(error.value(), "read", folder_);
   std::ranges::sort(ids);
@@ -336,7 +346,7 @@ absl::StatusOr<DatasetStore::Summaries> DatasetStore::SummariesOf(const std::str
         summaries->push_back(Summarize(scenario));
         return true;
       });
-  if (!status.ok()) return Contains(id) ? status : NoSuchDataset(id);
+  if (!status.ok()) return WhyUnread(id, status);
   const MutexLock lock(mutex_);
   if (summaries_.size() >= kMaxSummaries) summaries_.erase(summaries_.begin());
   summaries_[key] = summaries;
@@ -364,7 +374,7 @@ absl::StatusOr<v1::DatasetSummary> DatasetStore::Describe(
   if (!summary) {
     const int threads = std::clamp(machine::UsableCores() / 4, 1, 4);
     auto counted = DescribeDataset(FolderOf(id), spec, settings, threads);
-    if (!counted.ok()) return Contains(id) ? counted.status() : NoSuchDataset(id);
+    if (!counted.ok()) return WhyUnread(id, counted.status());
     summary = *std::move(counted);
     KeepDescription(kept, *summary);
   }
@@ -374,9 +384,9 @@ absl::StatusOr<v1::DatasetSummary> DatasetStore::Describe(
 
 absl::StatusOr<v1::Scenario> DatasetStore::GetScenario(const std::string& id,
                                                        const std::string& scenario_id) const {
-  if (!Contains(id)) return NoSuchDataset(id);
+  if (absl::Status exists = CheckExists(id); !exists.ok()) return exists;
   auto scenario = ReadScenario(FolderOf(id), scenario_id);
-  if (!scenario.ok() && !Contains(id)) return NoSuchDataset(id);
+  if (!scenario.ok()) return WhyUnread(id, scenario.status());
   return scenario;
 }
 

@@ -55,7 +55,9 @@ class DatasetStore {
       std::filesystem::path folder, const DatasetStoreOptions& options = {});
 
   std::filesystem::path FolderOf(const std::string& id) const { return folder_ / id; }
-  bool Contains(const std::string& id) const;
+  // Returns OK if the dataset exists, and NOT_FOUND if it does not.
+  absl::Status CheckExists(const std::string& id) const;
+  bool Contains(const std::string& id) const { return CheckExists(id).ok(); }
   absl::StatusOr<v1::Dataset> Get(const std::string& id) const;
   // Returns at most `limit` ids after `after`, sorted.
   absl::StatusOr<std::vector<std::string>> List(const std::string& after, size_t limit) const;
@@ -122,6 +124,8 @@ class DatasetStore {
   absl::Status CheckRoom(uint64_t wanted, uint64_t arrived, uint64_t announced, uint64_t missing,
                          uint64_t broken_off) const;
   absl::StatusOr<int64_t> TotalBytes() const;
+  // Returns why reading a dataset failed: NOT_FOUND if it was removed meanwhile; else `status`.
+  absl::Status WhyUnread(const std::string& id, absl::Status status) const;
   absl::StatusOr<Summaries> SummariesOf(const std::string& id);
 
   const std::filesystem::path folder_;

@@ -3,14 +3,20 @@
 #include <cerrno>
 #include <system_error>
 
+#include "absl/strings/cord.h"
 #include "absl/strings/str_cat.h"
+#include "model/files/file_system_failure.h"
 
 namespace maneuver::files {
 namespace {
 
+// Marks a status for IsFileSystemFailure. It stays in the process.
+constexpr char kFileSystemFailure[] = "maneuver/file-system-failure";
+
 struct Reading {
   absl::StatusCode code;
   std::string reason;
+  bool is_of_file_system = false;
 };
 
 Reading ReadErrno(int error) {
@@ -38,7 +44,25 @@ Reading ReadErrno(int error) {
     case ENOTDIR:
       return {absl::StatusCode::kDataLoss, "something else is in its place"};
     case EIO:
-      return {absl::StatusCode::kDataLoss, "the device reports an input/output error"};
+      return {absl::StatusCode::kDataLoss, "the device reports an input/output error", true};
+    case ENOTCONN:  // a FUSE file system whose process is gone
+    case ESTALE:
+    case ETIMEDOUT:
+    case EHOSTDOWN:
+    case EHOSTUNREACH:
+    case ENETDOWN:
+    case ENETUNREACH:
+    case ECONNABORTED:
+    case ECONNREFUSED:
+    case ECONNRESET:
+    case EREMOTEIO:
+    case ENOLINK:
+    case ENODEV:
+    case ESHUTDOWN:
+      return {
+          absl::StatusCode::kUnavailable,
+          absl::StrCat("its file system is away (", std::generic_category().message(error), ")"),
+          true};
     default:
       return {absl::ErrnoToStatusCode(error), std::generic_category().message(error)};
   }
@@ -48,8 +72,14 @@ Reading ReadErrno(int error) {
 
 absl::Status ErrnoStatus(int error, const char* action, const std::filesystem::path& file) {
   const Reading reading = ReadErrno(error);
-  return absl::Status(reading.code,
+  absl::Status status(reading.code,
                       absl::StrCat("cannot ", action, " ", NameOf(file), ": ", reading.reason));
+  if (reading.is_of_file_system) status.SetPayload(kFileSystemFailure, absl::Cord());
+  return status;
+}
+
+bool IsFileSystemFailure(const absl::Status& status) {
+  return status.GetPayload(kFileSystemFailure).has_value();
 }
 
 std::string NameOf(const std::filesystem::path& file) {

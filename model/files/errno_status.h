@@ -17,7 +17,7 @@ namespace maneuver::files {
 //   NOT_FOUND: the file is missing.
 //   ALREADY_EXISTS: a file or a folder with content is in the way.
 //   DATA_LOSS: the device failed, or there is a folder in place of a file or the reverse.
-//   Others: as absl::ErrnoToStatusCode.
+//   UNAVAILABLE: the file system is away. Others: as absl::ErrnoToStatusCode.
 // Parameters:
 //   error: a value of errno, not 0.
 //   action: a verb: "write", "open", ...

@@ -85,7 +85,8 @@ FileReceiver::~FileReceiver() {
   // What fails here was not acknowledged.
   if (part_ != nullptr) (void)part_->Close();
   part_.reset();
-  const bool is_own = staging_->HasTurn(*slot_);  // not another server's by now
+  // Not another server's by now.
+  const bool is_own = staging_->HasTurn(*slot_).value_or(false);
   if (is_own && discarded_) {
     staging_->RemoveFolder(*slot_);
   } else if (is_own) {
@@ -133,7 +134,11 @@ bool FileReceiver::IsWhole(const AnnouncedFile& file) const {
 }
 
 absl::Status FileReceiver::CheckTurn() const {
-  if (slot_->turn == turn_ && staging_->HasTurn(*slot_)) return absl::OkStatus();
+  if (slot_->turn == turn_) {
+    const auto has_turn = staging_->HasTurn(*slot_);
+    if (!has_turn.ok()) return has_turn.status();
+    if (*has_turn) return absl::OkStatus();
+  }
   return absl::AbortedError(absl::StrCat("another upload of ", upload_.resource,
                                          " has begun meanwhile, and replaces this one"));
 }

@@ -74,10 +74,12 @@ struct Announcement {
   uint64_t bytes = 0;
 };
 
-Announcement AnnouncementIn(const fs::path& slot) {
+// Returns an empty one if there is none.
+absl::StatusOr<Announcement> AnnouncementIn(const fs::path& slot) {
   Announcement announcement;
   const auto text = ReadFile(slot / kAnnounced);
-  if (!text.ok()) return announcement;
+  if (absl::IsNotFound(text.status())) return announcement;
+  if (!text.ok()) return text.status();
   const std::pair<std::string, std::string> parts = absl::StrSplit(*text, ' ');
   if (absl::SimpleAtoi(parts.second, &announcement.bytes)) announcement.turn = parts.first;
   return announcement;
@@ -183,10 +185,12 @@ absl::Status UploadStaging::Announce(Slot& slot, const Bytes& bytes,
   return absl::OkStatus();
 }
 
-bool UploadStaging::HasTurn(const Slot& slot) {
+absl::StatusOr<bool> UploadStaging::HasTurn(const Slot& slot) {
   if (!is_shared_) return true;
   const MutexLock lock(mutex_);
-  return AnnouncementIn(slot.folder).turn == turns_[slot.name];
+  const auto announcement = AnnouncementIn(slot.folder);
+  if (!announcement.ok()) return announcement.status();
+  return announcement->turn == turns_[slot.name];
 }
 
 void UploadStaging::Arrived(Slot& slot, uint64_t bytes) {
@@ -202,7 +206,8 @@ void UploadStaging::End(Slot& slot) {
     std::error_code ignored;
     const std::string turn = std::exchange(turns_[slot.name], "");
     turns_.erase(slot.name);
-    if (AnnouncementIn(slot.folder).turn != turn) return;  // another server's
+    const auto announcement = AnnouncementIn(slot.folder);
+    if (!announcement.ok() || announcement->turn != turn) return;  // perhaps another server's
     fs::remove(slot.folder / kAnnounced, ignored);
     fs::remove(slot.folder, ignored);  // succeeds if it is empty now
     return;
@@ -288,7 +293,7 @@ UploadStaging::Others UploadStaging::OthersOnDisk(const std::string& own) const 
       const fs::file_time_type written = file->last_write_time(gone);
       if (!gone) last = std::max(last, written);
     }
-    const uint64_t announced = AnnouncementIn(slot->path()).bytes;
+    const uint64_t announced = AnnouncementIn(slot->path()).value_or(Announcement()).bytes;
     if (announced > 0 && last > now - kAnnouncementLife) {
       others.under_way.announced += announced;
       others.under_way.missing += announced - std::min(there, announced);

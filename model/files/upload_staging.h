@@ -26,6 +26,7 @@
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "locks/mutex.h"
 
 namespace maneuver::files {
@@ -84,8 +85,9 @@ class UploadStaging {
   // servers; UNAVAILABLE if another server holds the lock for 5 s, and errors of files.
   absl::Status Announce(Slot& slot, const Bytes& bytes,
                         const std::function<absl::Status(const Others&)>& refuse);
-  // Returns false if a call of another server has announced the slot since.
-  bool HasTurn(const Slot& slot);
+  // Returns false if a call of another server has announced the slot since. Errors: those of
+  // ErrnoStatus.
+  absl::StatusOr<bool> HasTurn(const Slot& slot);
   // Records that `bytes` of the announced missing ones are on the disk now.
   void Arrived(Slot& slot, uint64_t bytes);
   // Ends the announcement. Call it when no call sends the upload any more.

@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/string_view.h"
 #include "maneuver/v1/status.pb.h"
+#include "model/files/file_system_failure.h"
 
 namespace maneuver::errors {
 namespace {
@@ -17,6 +18,9 @@ constexpr absl::string_view kErrorInfo = "type.googleapis.com/google.rpc.ErrorIn
 constexpr absl::string_view kBadRequest = "type.googleapis.com/google.rpc.BadRequest";
 constexpr absl::string_view kRetryInfo = "type.googleapis.com/google.rpc.RetryInfo";
 constexpr std::array kInOrder = {kErrorInfo, kBadRequest, kRetryInfo};
+
+// A server of files that starts again, or a mount that is mended, takes some seconds.
+constexpr std::chrono::seconds kFolderRetryDelay{5};
 
 constexpr int64_t kNanosecondsPerSecond = 1'000'000'000;
 
@@ -76,8 +80,19 @@ std::string ReasonOf(const absl::Status& status) {
   return detail.reason();
 }
 
+absl::Status WithFolderReason(absl::Status status, std::string_view folder) {
+  if (!files::IsFileSystemFailure(status) || !ReasonOf(status).empty()) return status;
+  const std::string name(folder);
+  absl::Status away = absl::UnavailableError(
+      absl::StrCat("the server cannot use its folder ", name, ": ", status.message(),
+                   "; try again once it is back"));
+  return WithRetryDelay(WithReason(std::move(away), "FOLDER_UNAVAILABLE", {{"folder", name}}),
+                        kFolderRetryDelay);
+}
+
 absl::Status WithStorageReason(absl::Status status) {
   if (status.ok() || !ReasonOf(status).empty()) return status;
+  if (files::IsFileSystemFailure(status)) return WithFolderReason(std::move(status), "data");
   switch (status.code()) {
     case absl::StatusCode::kResourceExhausted:
       return WithReason(std::move(status), "DISK_FULL");

@@ -41,10 +41,15 @@ absl::Status WithReason(absl::Status status, Reason reason,
 std::string ReasonOf(const absl::Status& status);
 
 // Maps a failure of the disk or of the database to what a caller should see: DISK_FULL for
-// RESOURCE_EXHAUSTED, STORAGE_DAMAGED for DATA_LOSS, and INTERNAL with STORAGE_INACCESSIBLE for
-// PERMISSION_DENIED, which would otherwise blame the caller. Leaves other statuses, and those with
-// a reason, unchanged.
+// RESOURCE_EXHAUSTED, STORAGE_DAMAGED for DATA_LOSS, INTERNAL with STORAGE_INACCESSIBLE for
+// PERMISSION_DENIED, which would otherwise blame the caller, and FOLDER_UNAVAILABLE as
+// WithFolderReason does. Leaves other statuses, and those with a reason, unchanged.
 absl::Status WithStorageReason(absl::Status status);
+
+// Returns UNAVAILABLE with the reason FOLDER_UNAVAILABLE, the name of a part of the data folder
+// and a retry delay, if `status` says that the file system of a file failed (files::ErrnoStatus).
+// Leaves other statuses, and those with a reason, unchanged.
+absl::Status WithFolderReason(absl::Status status, std::string_view folder);
 
 // Returns whether a call failed because the database of jobs and aliases cannot be reached
 // (STORE_UNAVAILABLE): it will succeed later.

@@ -54,6 +54,13 @@ inline constexpr ReasonEntry kReasons[] = {
      "the server cannot reach the database of jobs and aliases (--store), or another server uses "
      "it",
      "wait as long as RetryInfo says; predictions go on meanwhile"},
+    {"FOLDER_UNAVAILABLE", "UNAVAILABLE",
+     "the file system of the server's data folder, or of the part in the metadata's `folder`, "
+     "fails "
+     "or is away",
+     "wait as long as RetryInfo says; have the operator see to the disk or the mount if it goes "
+     "on; "
+     "predictions go on meanwhile"},
     {"SERVER_STOPS", "UNAVAILABLE", "the server is being shut down",
      "retry at another replica or a little later"},
 

@@ -4,11 +4,14 @@
 #define MANEUVER_SERVER_JOBS_REPLICA_REGISTRY_H_
 
 #include <chrono>
+#include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "maneuver/v1/replica_service.pb.h"
+#include "server/jobs/worker_capacity.h"
 
 namespace maneuver::jobs {
 
@@ -26,6 +29,8 @@ class ReplicaRegistry {
   virtual absl::Status Leave() = 0;
   // Returns the live servers, by name.
   virtual absl::StatusOr<std::vector<v1::Replica>> ListLive() = 0;
+  // Returns what PENDING jobs need, without repetition, with how many of them need it.
+  virtual absl::StatusOr<std::vector<std::pair<JobNeeds, int64_t>>> CountPendingNeeds() = 0;
 };
 
 }  // namespace maneuver::jobs

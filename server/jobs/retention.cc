@@ -24,9 +24,10 @@ std::vector<security::ModelVersionName> VersionsToDelete(
   std::vector<security::ModelVersionName> given_up;
   if (policy.versions <= 0) return given_up;
   std::map<std::string, int> seen;
-  for (const auto& [name, has_alias] : versions) {
+  for (const auto& [name, has_alias, maker] : versions) {
     if (++seen[name.model] <= policy.versions || has_alias) continue;
-    if (!needed.contains(name.ToString())) given_up.push_back(name);
+    if (needed.contains(name.ToString()) || needed.contains(maker)) continue;
+    given_up.push_back(name);
   }
   return given_up;
 }
@@ -81,12 +82,14 @@ absl::Status Retention::SweepVersions() {
     const auto jobs = jobs_.store().ListInState(state, std::nullopt);
     if (!jobs.ok()) return jobs.status();
     for (const v1::Job& job : *jobs) {
+      needed.insert(job.name());
       if (job.has_train()) needed.insert(job.train().start_from());
       if (job.has_evaluate()) needed.insert(job.evaluate().model());
       if (job.has_recalibrate()) needed.insert(job.recalibrate().model());
       if (job.has_tag()) needed.insert(job.tag().model());
     }
   }
+  needed.erase("");  // of a training that starts from nothing
   absl::Status result;
   for (const auto& version : VersionsToDelete(policy_, versions_.List(), needed)) {
     const absl::Status status = versions_.Delete(version);

@@ -30,7 +30,8 @@ struct RetentionPolicy {
 
 // Returns the versions that the policy deletes.
 //   versions: newest first.
-//   needed: names of the versions that pending and running jobs read.
+//   needed: names of the pending and running jobs, and of the versions that they read. What such a
+//     job has made stays: the job may still measure it.
 std::vector<security::ModelVersionName> VersionsToDelete(
     const RetentionPolicy& policy,
     const std::vector<serving::ModelVersions::ListedVersion>& versions,

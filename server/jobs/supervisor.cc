@@ -75,6 +75,10 @@ Supervisor::Supervisor(SupervisorOptions options, JobStore& store, data::Dataset
     ends_[state] = &metrics.AddCounter("maneuver_job_ends_total", "Jobs that ended, by state.",
                                        {{"state", std::string(JobStateLabel(state))}});
   }
+  if (replicas_ != nullptr) {
+    without_worker_ = &metrics.AddGauge("maneuver_jobs_without_worker",
+                                        "Pending jobs that no live server can run.");
+  }
 }
 
 Supervisor::~Supervisor() { Stop(); }
@@ -302,8 +306,23 @@ void Supervisor::EndRun(v1::Job job, const JobLease& lease) {
 void Supervisor::CountJobs() {
   for (const auto& [state, gauge] : gauges_) {
     const auto count = store_.CountInState(state);
-    if (count.ok()) gauge->Set(static_cast<double>(*count));
+    if (!count.ok()) continue;
+    gauge->Set(static_cast<double>(*count));
+    if (state == v1::JOB_STATE_PENDING && without_worker_ != nullptr) CountWithoutWorker(*count);
   }
+}
+
+void Supervisor::CountWithoutWorker(int64_t pending) {
+  int64_t count = 0;
+  if (pending > 0) {
+    const auto needs = replicas_->CountPendingNeeds();
+    const auto workers = ListWorkers();
+    if (!needs.ok() || !workers.ok()) return;
+    for (const auto& [need, jobs] : *needs) {
+      if (!WhyNobodyRuns(need, *workers).empty()) count += jobs;
+    }
+  }
+  without_worker_->Set(static_cast<double>(count));
 }
 
 }  // namespace maneuver::jobs

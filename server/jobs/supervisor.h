@@ -177,6 +177,8 @@ class Supervisor {
   void AddNeed(const v1::Job& complete, const v1::ModelSpec& spec, v1::Job& job) const;
   // INVALID_ARGUMENT if no server that could run the job has the device.
   absl::Status CheckDevice(const v1::TrainingSettings& settings);
+  // Returns what the live servers that run jobs have.
+  absl::StatusOr<std::vector<WorkerCapacity>> ListWorkers() const;
   // Sets the error of PENDING jobs that no live server can run.
   void ExplainWaiting(const std::vector<v1::Job*>& jobs) const;
   // FAILED_PRECONDITION if the job is no longer PENDING.
@@ -200,8 +202,10 @@ class Supervisor {
   v1::Job Attempt(const ClaimedJob& claimed, int slot, StopRequest& stop);
   // Stores the job in the state in which its attempt left it.
   void EndRun(v1::Job job, const JobLease& lease) ABSL_LOCKS_EXCLUDED(mutex_);
-  // Shows how many jobs are in each state.
+  // Shows how many jobs are in each state, and how many wait for a server that can run them.
   void CountJobs();
+  //   pending: how many jobs are PENDING
+  void CountWithoutWorker(int64_t pending);
   void CountEnd(v1::JobState state) { ends_.at(state)->Increment(); }
 
   const SupervisorOptions options_;
@@ -213,6 +217,7 @@ class Supervisor {
   std::map<v1::JobState, monitoring::Gauge*> gauges_;
   std::map<v1::JobState, monitoring::Counter*> ends_;  // of the states that end a job
   monitoring::Counter& interruptions_;
+  monitoring::Gauge* without_worker_ = nullptr;  // nullptr if there are no other servers
   TrainingDevices devices_;
   JobCurves curves_;
   JobNews news_;

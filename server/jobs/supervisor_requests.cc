@@ -12,6 +12,7 @@
 #include "absl/strings/str_cat.h"
 #include "model/artifact/model_folder.h"
 #include "model/artifact/training_presets.h"
+#include "model/files/file_system_failure.h"
 #include "server/errors/error_details.h"
 #include "server/jobs/job_folder.h"
 #include "server/jobs/job_memory.h"
@@ -178,11 +179,9 @@ absl::Status Supervisor::CheckDevice(const v1::TrainingSettings& settings) {
   return IsShared() ? absl::OkStatus() : devices_.Check(settings.device());
 }
 
-void Supervisor::ExplainWaiting(const std::vector<v1::Job*>& jobs) const {
-  const auto is_pending = [](const v1::Job* job) { return job->state() == v1::JOB_STATE_PENDING; };
-  if (replicas_ == nullptr || std::ranges::none_of(jobs, is_pending)) return;
+absl::StatusOr<std::vector<WorkerCapacity>> Supervisor::ListWorkers() const {
   const auto live = replicas_->ListLive();
-  if (!live.ok()) return;
+  if (!live.ok()) return live.status();
   std::vector<WorkerCapacity> workers;
   for (const v1::Replica& each : *live) {
     if (!each.has_job_capacity()) continue;
@@ -190,9 +189,17 @@ void Supervisor::ExplainWaiting(const std::vector<v1::Job*>& jobs) const {
     workers.push_back(
         {{has.devices().begin(), has.devices().end()}, has.ranks(), has.memory_bytes()});
   }
+  return workers;
+}
+
+void Supervisor::ExplainWaiting(const std::vector<v1::Job*>& jobs) const {
+  const auto is_pending = [](const v1::Job* job) { return job->state() == v1::JOB_STATE_PENDING; };
+  if (replicas_ == nullptr || std::ranges::none_of(jobs, is_pending)) return;
+  const auto workers = ListWorkers();
+  if (!workers.ok()) return;
   for (v1::Job* job : jobs) {
     if (!is_pending(job)) continue;
-    const std::string why = WhyNobodyRuns(NeedsOf(*job), workers);
+    const std::string why = WhyNobodyRuns(NeedsOf(*job), *workers);
     if (why.empty()) continue;
     *job->mutable_error() = errors::ToProto(errors::WithReason(
         absl::FailedPreconditionError(absl::StrCat("no server can run it: ", why)), "NO_WORKER"));
@@ -218,7 +225,9 @@ absl::StatusOr<v1::Job> Supervisor::EarlierJob(const std::string& request_id,
 
 absl::Status Supervisor::CheckDatasets(const v1::Job& job) const {
   for (const std::string& id : DatasetIds(job)) {
-    if (datasets_.Contains(id)) continue;
+    const absl::Status exists = datasets_.CheckExists(id);
+    if (exists.ok()) continue;
+    if (files::IsFileSystemFailure(exists)) return errors::WithFolderReason(exists, "datasets");
     return errors::WithReason(
         absl::NotFoundError(absl::StrCat("there is no datasets/", id, "; upload it first")),
         "DATASET_NOT_FOUND", {{"dataset", absl::StrCat("datasets/", id)}});

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "model/files/file_system_failure.h"
 #include "model/files/utf8.h"
 #include "server/errors/error_details.h"
 #include "server/jobs/trainer_protocol.h"
@@ -145,6 +146,9 @@ absl::Status TrainerStatus(const ChildResult& result, const std::string& last_wo
 
 absl::Status WithDefaultReason(absl::Status status, errors::Reason reason) {
   if (errors::IsStoreAway(status)) return status;
+  if (files::IsFileSystemFailure(status)) {
+    return errors::WithFolderReason(std::move(status), "data");
+  }
   absl::Status clean(status.code(), WithoutPaths(std::string(status.message())));
   return errors::WithReason(
       std::move(clean), absl::IsResourceExhausted(status) ? errors::Reason("DISK_FULL") : reason);

@@ -27,7 +27,8 @@ namespace maneuver::jobs {
 absl::Status TrainerStatus(const ChildResult& result, const std::string& last_words);
 
 // Returns `status` without paths, and with a reason: DISK_FULL if it is RESOURCE_EXHAUSTED, else
-// `reason`. Returns it unchanged if the store is away.
+// `reason`. Returns it unchanged if the store is away, and FOLDER_UNAVAILABLE if a file system
+// failed.
 absl::Status WithDefaultReason(absl::Status status, errors::Reason reason);
 
 // Returns the error of a trainer that could not be started: TRAINER_INTERNAL.

@@ -341,6 +341,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
     report.emplace(*replicas, [&] { return DescribeReplica(options, **models, **supervisor); });
   }
   StopLatch stop_following;
+  const auto listener = (*store)->ListenForModels([&] { stop_following.Wake(); });
   std::thread loader([&] {
     Serve(options.serve, **models);
     (*models)->LoadAliased();

@@ -53,6 +53,7 @@ absl::Status AnswerQueryUpload(const data::DatasetStore& datasets, const std::st
 }
 
 absl::Status WithDatasetReason(absl::Status status) {
+  status = errors::WithFolderReason(std::move(status), "datasets");
   if (!errors::ReasonOf(status).empty()) return status;
   switch (status.code()) {
     case absl::StatusCode::kNotFound:

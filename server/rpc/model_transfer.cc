@@ -10,6 +10,7 @@ namespace {
 
 // With the ErrorInfo that fits an error of an upload. One that has a reason keeps it.
 absl::Status WithUploadReason(absl::Status status) {
+  status = errors::WithFolderReason(std::move(status), "models");
   if (!errors::ReasonOf(status).empty()) return status;
   switch (status.code()) {
     case absl::StatusCode::kDataLoss:

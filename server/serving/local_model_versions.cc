@@ -18,7 +18,8 @@ std::vector<ModelVersions::ListedVersion> LocalModelVersions::List() const {
   std::vector<ListedVersion> listed;
   for (VersionStore::StoredVersion& version : store_.List("")) {
     const bool has_alias = !table_.AliasesOf(version.name).empty();
-    listed.push_back({std::move(version.name), has_alias});
+    std::string maker = store_.MakerOf(version.name);
+    listed.push_back({std::move(version.name), has_alias, std::move(maker)});
   }
   return listed;
 }

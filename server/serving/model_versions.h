@@ -28,6 +28,7 @@ class ModelVersions {
   struct ListedVersion {
     security::ModelVersionName name;
     bool has_alias = false;
+    std::string maker = {};  // Maker.name of who made it
   };
 
   virtual ~ModelVersions() = default;

@@ -9,6 +9,7 @@
 #include "absl/strings/str_join.h"
 #include "model/artifact/model_folder.h"
 #include "model/evaluation/action_names.h"
+#include "model/files/file_system_failure.h"
 #include "server/errors/error_details.h"
 #include "server/monitoring/logging.h"
 
@@ -22,6 +23,7 @@ using security::ModelAliasName;
 using security::ModelVersionName;
 
 absl::Status Unusable(const ModelVersionName& name, const absl::Status& why) {
+  if (files::IsFileSystemFailure(why)) return errors::WithFolderReason(why, "models");
   return errors::WithReason(absl::FailedPreconditionError(absl::StrCat(
                                 name.ToString(), " cannot be served: ", why.message(),
                                 "; point the alias to another version, or train a new one")),

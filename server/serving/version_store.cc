@@ -12,6 +12,8 @@
 #include "model/evaluation/action_names.h"
 #include "model/files/abandoned_temporaries.h"
 #include "model/files/durable_file.h"
+#include "model/files/errno_status.h"
+#include "model/files/file_system_failure.h"
 #include "server/errors/error_details.h"
 #include "server/monitoring/logging.h"
 #include "server/serving/evaluation_files.h"
@@ -29,8 +31,10 @@ constexpr char kLastVersion[] = ".last_version";
 // is free to say when the version was published.
 constexpr char kWeights[] = "weights.safetensors";
 
-absl::Status FileError(std::string_view what, const std::error_code& error) {
-  return absl::InternalError(absl::StrCat("cannot ", std::string(what), ": ", error.message()));
+absl::Status FileError(const char* what, const std::error_code& error) {
+  const absl::Status status = files::ErrnoStatus(error.value(), what, "");
+  if (files::IsFileSystemFailure(status)) return errors::WithFolderReason(status, "models");
+  return absl::InternalError(absl::StrCat("cannot ", what, ": ", error.message()));
 }
 
 // Sets the report's names by where it is stored: a version's folder may have come from another
@@ -191,6 +195,10 @@ std::vector<VersionStore::StoredVersion> VersionStore::List(const std::string& m
   return found;
 }
 
+std::string VersionStore::MakerOf(const ModelVersionName& name) const {
+  return files::ReadFile(FolderOf(name) / kMaker).value_or("");
+}
+
 std::optional<ModelVersionName> VersionStore::FindMadeBy(const std::string& model,
                                                          const std::string& maker) const {
   std::map<int, int64_t> versions;
@@ -203,7 +211,7 @@ std::optional<ModelVersionName> VersionStore::FindMadeBy(const std::string& mode
   std::optional<ModelVersionName> latest;
   for (const auto& [version, revision] : versions) {
     const ModelVersionName name{model, version};
-    if (files::ReadFile(FolderOf(name) / kMaker).value_or("") == maker) latest = name;
+    if (MakerOf(name) == maker) latest = name;
   }
   return latest;
 }
@@ -211,6 +219,9 @@ std::optional<ModelVersionName> VersionStore::FindMadeBy(const std::string& mode
 absl::StatusOr<v1::ModelVersion> VersionStore::Describe(const ModelVersionName& name) const {
   if (absl::Status status = CheckExists(name); !status.ok()) return status;
   auto manifest = artifact::ReadModelManifest(FolderOf(name));
+  if (files::IsFileSystemFailure(manifest.status())) {
+    return errors::WithFolderReason(manifest.status(), "models");
+  }
   if (!manifest.ok()) {
     return errors::WithReason(absl::FailedPreconditionError(absl::StrCat(
                                   name.ToString(), " is damaged: ", manifest.status().message())),

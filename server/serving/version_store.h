@@ -68,6 +68,8 @@ class VersionStore {
   };
   // Lists the versions of one model, or of all models if `model` is empty; newest first.
   std::vector<StoredVersion> List(const std::string& model) const;
+  // Returns the name of the maker that Publish stamped the version with; empty if there is none.
+  std::string MakerOf(const security::ModelVersionName& name) const;
   // Returns the latest version of `model` that Publish stamped with `maker`, if there is one.
   std::optional<security::ModelVersionName> FindMadeBy(const std::string& model,
                                                        const std::string& maker) const;

@@ -20,7 +20,7 @@ struct Libpq {
                   declare(PQisBusy) declare(PQgetResult) declare(PQclear) declare(PQresultStatus)  \
                       declare(PQresultErrorMessage) declare(PQresultErrorField) declare(PQntuples) \
                           declare(PQcmdTuples) declare(PQgetvalue) declare(PQgetlength)            \
-                              declare(PQgetisnull)
+                              declare(PQgetisnull) declare(PQnotifies)
 #define MANEUVER_DECLARE(function) decltype(&::function) function = nullptr;
   MANEUVER_LIBPQ_FUNCTIONS(MANEUVER_DECLARE)
 #undef MANEUVER_DECLARE

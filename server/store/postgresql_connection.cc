@@ -144,6 +144,26 @@ bool PostgresqlConnection::Wait(short events, Time deadline) const {
   }
 }
 
+absl::StatusOr<bool> PostgresqlConnection::WaitForNotification(int stop) {
+  for (;;) {
+    bool is_notified = false;
+    while (PGnotify* notification = libpq_.PQnotifies(connection_)) {
+      libpq_.PQfreemem(notification);
+      is_notified = true;
+    }
+    if (is_notified) return true;
+    pollfd sockets[] = {{libpq_.PQsocket(connection_), POLLIN, 0}, {stop, POLLIN, 0}};
+    if (poll(sockets, 2, /*timeout=*/-1) < 0) {
+      if (errno == EINTR) continue;
+      return Break("it cannot be waited for");
+    }
+    if (sockets[1].revents != 0) return false;
+    if (libpq_.PQconsumeInput(connection_) == 0) {
+      return Break(FirstLine(libpq_.PQerrorMessage(connection_)));
+    }
+  }
+}
+
 absl::StatusOr<PostgresqlConnection::Result> PostgresqlConnection::Receive() {
   // The server's own limit comes first, unless it does not answer at all.
   const Time deadline = std::chrono::steady_clock::now() + patience_ + std::chrono::seconds(1);

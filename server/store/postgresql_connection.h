@@ -89,6 +89,10 @@ class PostgresqlConnection {
   // Runs several statements without values, separated by semicolons.
   absl::Status RunScript(const std::string& text);
 
+  // Waits until PostgreSQL tells of a NOTIFY on a channel that the connection LISTENs to, and
+  // returns true. Returns false once the descriptor `stop` can be read.
+  absl::StatusOr<bool> WaitForNotification(int stop);
+
   // Returns whether the connection is gone: open another one.
   bool is_broken() const { return is_broken_; }
 

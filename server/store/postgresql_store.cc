@@ -10,6 +10,7 @@
 #include "absl/strings/str_replace.h"
 #include "locks/mutex.h"
 #include "server/jobs/job_state.h"
+#include "server/store/postgresql_listener.h"
 #include "server/store/postgresql_session.h"
 #include "server/store/stored_job.h"
 
@@ -94,15 +95,22 @@ class SessionStore final : public PostgresqlStore,
                            private serving::VersionLedger,
                            private jobs::ReplicaRegistry {
  public:
-  SessionStore(std::unique_ptr<PostgresqlSession> session, StoreUse use, int64_t first_fence)
+  SessionStore(std::unique_ptr<PostgresqlSession> session, std::string address, StoreUse use,
+               int64_t first_fence, monitoring::Counter* heard)
       : id_(session->store_id()),
         name_(session->name()),
+        address_(std::move(address)),
         use_(use),
         first_fence_(first_fence),
+        heard_(heard),
         session_(std::move(session)) {}
 
   serving::VersionLedger* Ledger() override { return this; }
   jobs::ReplicaRegistry* Replicas() override { return IsShared() ? this : nullptr; }
+  std::unique_ptr<StoreListener> ListenForModels(std::function<void()> changed) override {
+    if (!IsShared()) return nullptr;
+    return std::make_unique<PostgresqlListener>(address_, std::move(changed), *heard_);
+  }
 
   const std::string& id() const override { return id_; }
 
@@ -371,7 +379,7 @@ class SessionStore final : public PostgresqlStore,
       }
       is_moved = true;
       undo = UndoAlias(name, *before, written->Int(0, 0));
-      return absl::OkStatus();
+      return TellOthers(connection);
     });
     if (!status.ok()) return status;
     return is_moved;
@@ -406,7 +414,8 @@ class SessionStore final : public PostgresqlStore,
       if (!*before) return NoSuchAlias(name);
       undo = {kAddAlias,
               {name.model, name.alias, (*before)->version, AliasDigest(name, (*before)->version)}};
-      return connection.Run(kDeleteAlias, {name.model, name.alias}).status();
+      const auto deleted = connection.Run(kDeleteAlias, {name.model, name.alias});
+      return deleted.ok() ? TellOthers(connection) : deleted.status();
     });
   }
 
@@ -488,10 +497,10 @@ class SessionStore final : public PostgresqlStore,
       if (status.ok()) status = HoldVersion(connection, name, "UPDATE");
       if (status.ok()) status = edit();
       if (!status.ok()) return status;
-      return connection
-          .Run("UPDATE versions SET revision = revision + 1 WHERE model = $1 AND version = $2",
-               {name.model, name.version})
-          .status();
+      const auto counted = connection.Run(
+          "UPDATE versions SET revision = revision + 1 WHERE model = $1 AND version = $2",
+          {name.model, name.version});
+      return counted.ok() ? TellOthers(connection) : counted.status();
     });
   }
 
@@ -532,6 +541,20 @@ class SessionStore final : public PostgresqlStore,
     return live;
   }
 
+  absl::StatusOr<std::vector<std::pair<JobNeeds, int64_t>>> CountPendingNeeds() override {
+    const auto rows =
+        Read({"SELECT device, ranks, memory, count(*) FROM jobs WHERE state = $1"
+              " GROUP BY device, ranks, memory",
+              {v1::JOB_STATE_PENDING}});
+    if (!rows.ok()) return rows.status();
+    std::vector<std::pair<JobNeeds, int64_t>> needs;
+    for (int row = 0; row < rows->count(); ++row) {
+      needs.push_back(
+          {{rows->Bytes(row, 0), rows->Int(row, 1), rows->Int(row, 2)}, rows->Int(row, 3)});
+    }
+    return needs;
+  }
+
   absl::Status AddVersions(const std::vector<ModelVersionName>& names, int64_t state) {
     if (names.empty()) return absl::OkStatus();
     return Write([&](Connection& connection, SqlStatement&) {
@@ -546,13 +569,19 @@ class SessionStore final : public PostgresqlStore,
     });
   }
 
-  static absl::Status SetVersionState(Connection& connection, const ModelVersionName& name,
-                                      int64_t from, int64_t to) {
+  absl::Status SetVersionState(Connection& connection, const ModelVersionName& name, int64_t from,
+                               int64_t to) const {
     const auto rows = connection.Run(
         "UPDATE versions SET state = $1 WHERE model = $2 AND version = $3 AND state = $4",
         {to, name.model, name.version, from});
     if (!rows.ok()) return rows.status();
-    return rows->changed() == 1 ? absl::OkStatus() : NoSuchVersion(name);
+    return rows->changed() == 1 ? TellOthers(connection) : NoSuchVersion(name);
+  }
+
+  // Tells the servers that share the store of a change of aliases or versions, once it is
+  // committed.
+  absl::Status TellOthers(Connection& connection) const {
+    return IsShared() ? NotifyOfModels(connection) : absl::OkStatus();
   }
 
   // Keeps a version as it is, for the rest of the transaction. NOT_FOUND if there is none.
@@ -627,9 +656,11 @@ class SessionStore final : public PostgresqlStore,
 
   const std::string id_;
   const std::string name_;  // of this server, among those that share the store
+  const std::string address_;
   const StoreUse use_;
   // Leases of earlier owners have smaller fences.
   const int64_t first_fence_;
+  monitoring::Counter* const heard_;  // notifications; nullptr if the store is not shared
   // One connection, one transaction at a time.
   Mutex mutex_;
   const std::unique_ptr<PostgresqlSession> session_ ABSL_PT_GUARDED_BY(mutex_);
@@ -642,7 +673,13 @@ absl::StatusOr<std::unique_ptr<PostgresqlStore>> OpenSession(const std::string& 
   if (!session.ok()) return session.status();
   const auto first_fence = (*session)->Read({"SELECT nextval('job_fences')", {}});
   if (!first_fence.ok()) return first_fence.status();
-  return std::make_unique<SessionStore>(*std::move(session), use, first_fence->Int(0, 0));
+  monitoring::Counter* const heard =
+      use == StoreUse::kShared
+          ? &metrics.AddCounter("maneuver_store_notifications_total",
+                                "Changes of aliases or versions that the database of --store told.")
+          : nullptr;
+  return std::make_unique<SessionStore>(*std::move(session), address, use, first_fence->Int(0, 0),
+                                        heard);
 }
 
 }  // namespace

@@ -37,7 +37,7 @@ LAYERS = {
                    "model/evaluation"],
     "model/onnx": [*MODEL_CORE, "model/scene", "model/artifact", "model/evaluation"],
     "model/learning": ["locks", "model", "maneuver/v1"],
-    "server/errors": ["model/scene", "maneuver/v1"],
+    "server/errors": ["model/files", "model/scene", "maneuver/v1"],
     "server": ["locks", "model", "server", "maneuver/v1"],
     "client": ["locks", "client", "maneuver/v1"],
     # The command reads and writes datasets, and prints reports.

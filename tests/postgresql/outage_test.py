@@ -6,13 +6,15 @@ a delay after which to try again, and health stays SERVING. A training that runs
 back, and ends with the weights of an undisturbed one.
 
 Then the folder's file system hangs (a FUSE mount whose server is frozen) and fails (one whose server is gone): models
-that are loaded answer, and health stays SERVING. Once it is mounted again all is well by itself.
+that are loaded answer, and health stays SERVING. While it fails, calls that need it are UNAVAILABLE and say which folder.
+Once it is mounted again all is well by itself. Last, every write in it ends with EIO (fault_shim.cc).
 
 Prints rates and latencies of predictions before, during and after. Needs PostgreSQL 15 and HAProxy of Debian; skips (77)
 without them. The second half needs root and bindfs; it is left out without them, and that is said.
 """
 
 import argparse
+import errno
 import os
 import pathlib
 import re
@@ -24,6 +26,8 @@ import tempfile
 import threading
 import time
 import urllib.request
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "histories"))
 
 from sharing import SETTINGS, SharingFleet, add_programs, check, enter, prepare, wait_for
 
@@ -195,6 +199,49 @@ class Volume:
         subprocess.run(["umount", "--lazy", self._place], check=False)
 
 
+def upload_once(client, upload):
+    """Sends all of an upload in one call."""
+    return upload._send([0] * len(upload._files), client._connection.deadline(10, 10))
+
+
+def upload_dataset(fleet, client):
+    return upload_once(client, DatasetUpload(client._connection, fleet.work / "town", "datasets/lost", None))
+
+
+def upload_model(fleet, client):
+    return upload_once(client, ModelUpload(client._connection, fleet.work / "small", "models/lost", None))
+
+
+def check_folder_away(calls, errors):
+    """Each call says that a folder is away, which one, and when to come back."""
+    for folder, name, call in calls:
+        try:
+            call()
+        except errors.UnavailableError as error:
+            check(error.reason == "FOLDER_UNAVAILABLE", f"{name}: {error} ({error.reason})")
+            check(error.metadata["folder"] == folder and f"folder {folder}" in str(error), f"{name} names {folder}: {error}")
+            check(error.retry_delay and error.retry_delay > 0, f"{name} says when to come back")
+        else:
+            check(False, f"{name} was to be refused")
+
+
+def check_folder_fails(fleet, errors):
+    """Nothing is said to be gone, full or damaged that only cannot be reached now."""
+    for server in fleet.servers:
+        client = fleet.client(server.address, retries=0)
+        check_folder_away([
+            ("datasets", "upload", lambda: upload_dataset(fleet, client)),
+            ("datasets", "list", lambda: list(client.list_datasets(timeout=10))),
+            ("datasets", "get", lambda: client.get_dataset("datasets/town", timeout=10)),
+            ("datasets", "describe", lambda: client.describe_dataset("datasets/town", timeout=10)),
+            ("datasets", "delete", lambda: client.delete_dataset("datasets/town", timeout=10)),
+            ("datasets", "train", lambda: client.train("models/lost", ["datasets/town"], timeout=10)),
+            ("models", "upload a model", lambda: upload_model(fleet, client)),
+            ("models", "promote", lambda: client.set_model_alias("models/small/aliases/serving", "models/small/versions/1",
+                                                                 timeout=10)),
+        ], errors)
+
+
 def lose_volume(options, fleet, pulse, volume, errors):
     client = fleet.client()
     for what, lose, mend in (("while the folder hangs", volume.hang, volume.go_on),
@@ -207,6 +254,8 @@ def lose_volume(options, fleet, pulse, volume, errors):
                   for server in fleet.servers]
         for thread in asking:
             thread.start()
+        if lose == volume.fail:
+            check_folder_fails(fleet, errors)
         while time.monotonic() < end:
             check_health(fleet, what)
             list(client.list_jobs(timeout=20))
@@ -225,6 +274,21 @@ def lose_volume(options, fleet, pulse, volume, errors):
     print(f"folder away for {options.volume_outage} s, hanging and failing: loaded models answered")
 
 
+def fail_writes(fleet, faults, errors):
+    """A soft NFS mount whose server is away, or a disk that breaks, says EIO."""
+    client = fleet.client(fleet.servers[0].address, retries=0)
+    faults.arm(errno.EIO, 0, 10**9)
+    check_folder_away([
+        ("datasets", "upload", lambda: upload_dataset(fleet, client)),
+        ("models", "upload a model", lambda: upload_model(fleet, client)),
+        ("data", "train", lambda: client.train("models/lost", ["datasets/town"], timeout=10)),
+    ], errors)
+    faults.heal()
+    upload_dataset(fleet, client)
+    client.delete_dataset("datasets/lost")
+    print("writes that ended with EIO were refused as UNAVAILABLE, and worked again afterwards")
+
+
 def ask_folder(client):
     for call in (lambda: client.describe_dataset("datasets/town", timeout=5),
                  lambda: client.train("models/lost", ["datasets/town"], validate_only=True, timeout=5)):
@@ -240,11 +304,15 @@ def main():
     add_programs(parser)
     parser.add_argument("--outage", type=float, default=12.0, help="seconds without the database: longer than the lease")
     parser.add_argument("--volume-outage", type=float, default=4.0, help="seconds without the data folder")
+    parser.add_argument("--fault-shim", type=pathlib.Path, help="library that makes writes fail")
     parser.add_argument("--before", type=float, default=3.0, help="seconds to measure before")
     options = parser.parse_args()
     in_network = enter()
     prepare(options)
+    global DatasetUpload, ModelUpload  # pylint: disable=global-variable-undefined
     maneuver = importlib.import_module("maneuver")
+    from maneuver.model_transfers import ModelUpload
+    from maneuver.uploads import DatasetUpload
     has_volume = in_network and shutil.which("bindfs") and pathlib.Path("/dev/fuse").exists()
     work = pathlib.Path(tempfile.mkdtemp(prefix="maneuver-outage-"))
     work.chmod(0o755)  # for PostgreSQL's user
@@ -253,8 +321,15 @@ def main():
         if has_volume:
             (work / "disk").mkdir()
             volume = Volume(work / "disk", work / "data")
-        fleet = SharingFleet(options, work, in_network)
+        environment, faults = {}, None
+        if options.fault_shim:
+            from histories import Faults
+            faults = Faults(work / "faults")
+            environment = {"LD_PRELOAD": str(options.fault_shim), "MANEUVER_FAULTS": str(work / "faults"),
+                           "MANEUVER_FAULT_ROOT": str(work / "data")}
+        fleet = SharingFleet(options, work, in_network, environment=environment)
         fleet.check_sessions()
+        subprocess.run([options.small_model, work / "small", "3"], check=True)
         fleet.settings = dict(SETTINGS, optimization=dict(SETTINGS["optimization"], joint_epochs=20))
         dataset = fleet.make_dataset("town", 8)
         scene = maneuver.load_scenario(fleet.make_scene(dataset))
@@ -270,6 +345,8 @@ def main():
             lose_volume(options, fleet, pulse, volume, maneuver.errors)
         else:
             print("the data folder was not taken away: that needs root and bindfs")
+        if faults:
+            fail_writes(fleet, faults, maneuver.errors)
         pulse.end()
         check(not pulse.failures, f"{len(pulse.failures)} predictions failed:\n" + "\n".join(pulse.failures[:10]))
         print("no prediction failed")

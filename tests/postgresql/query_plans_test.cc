@@ -53,6 +53,9 @@ class QueryPlansTest : public postgresql::WithStore {
     ASSERT_TRUE(store.List(2, "").ok());
     ASSERT_TRUE(store.ListInState(v1::JOB_STATE_PENDING, std::nullopt).ok());
     ASSERT_TRUE(store.CountInState(v1::JOB_STATE_SUCCEEDED).ok());
+    ASSERT_TRUE(store.Replicas()->Report(v1::Replica()).ok());
+    ASSERT_TRUE(store.Replicas()->ListLive().ok());
+    ASSERT_EQ(store.Replicas()->CountPendingNeeds()->size(), 1u);
     const auto claimed = store.Claim([](v1::Job&) {});
     ASSERT_TRUE(claimed.ok() && *claimed) << claimed.status();
     const jobs::JobLease lease = (*claimed)->lease;

@@ -4,9 +4,11 @@
 #include <gtest/gtest.h>
 
 #include <chrono>
+#include <map>
 #include <memory>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "locks/mutex.h"
@@ -83,6 +85,23 @@ TEST_F(ReplicasTest, AServerTakesTheJobsThatItCanRunByPriority) {
   EXPECT_THAT(ClaimAll(*a_, {{"cpu"}, 2, 8 * kGibibyte}), ElementsAre("urgent", "small"));
   EXPECT_THAT(ClaimAll(*b_, {{"cpu", "cuda"}, 2, 8 * kGibibyte}), ElementsAre("graphics"));
   EXPECT_THAT(ClaimAll(*a_, {{"cpu"}, 4, 64 * kGibibyte}), ElementsAre("ranks", "large"));
+}
+
+TEST_F(ReplicasTest, CountsWhatPendingJobsNeed) {
+  Add("a", {"cpu", 1, kGibibyte});
+  Add("b", {"cpu", 4, 4 * kGibibyte});
+  Add("c", {"cpu", 1, kGibibyte});
+  Add("d", {"cuda", 1, kGibibyte});
+  ClaimAll(*a_, {{"cuda"}, 1, kGibibyte});
+  const auto needs = b_->Replicas()->CountPendingNeeds();
+  ASSERT_TRUE(needs.ok()) << needs.status();
+  std::map<int64_t, int64_t> jobs;  // by ranks
+  for (const auto& [need, count] : *needs) {
+    EXPECT_EQ(need.device, "cpu");
+    EXPECT_EQ(need.memory_bytes, need.ranks * kGibibyte);
+    jobs[need.ranks] = count;
+  }
+  EXPECT_THAT(jobs, ElementsAre(std::pair(1, 2), std::pair(4, 1)));
 }
 
 TEST_F(ReplicasTest, EveryServerSeesWhatTheOthersTell) {

@@ -87,6 +87,10 @@ def replicas(fleet, server, model):
     return dict(re.findall(r"^(\S+) {2,}((?:\w+ \d+(?:, )?)+|-)$", text[text.find("REPLICA"):], re.MULTILINE))
 
 
+def without_worker(server):
+    return int(re.search(r"^maneuver_jobs_without_worker (\d+)", server.metrics_page(), re.MULTILINE)[1])
+
+
 def a_drained_worker(fleet, weights):
     api = fleet.servers["api"]
     job, _ = fleet.train(api, "drained")
@@ -139,6 +143,7 @@ def run(options, work, fleet, cluster):
     calm, said = fleet.train(serve, "calm")
     check("waits: no server can run it: no server that runs jobs is up" in said, said)
     check("no server that runs jobs is up" in api.job(calm)["error"]["message"], api.job(calm))
+    wait_for(lambda: without_worker(serve) == 1, "the metric counts the job that waits")
     first = fleet.start("work-1", "work", "--job-ranks", "2")
     ended = fleet.ended(api, calm)
     check(ended["state"] == "JOB_STATE_SUCCEEDED", ended)
@@ -149,11 +154,13 @@ def run(options, work, fleet, cluster):
     wide, said = fleet.train(api, "wide", "--ranks", "4")
     check("needs 4 ranks, and the servers that run jobs take at most 2" in said, said)
     check("4 ranks" in serve.job(wide)["error"]["message"], serve.job(wide))
+    wait_for(lambda: without_worker(api) == 1, "the metric counts a job that is too large for the worker")
     narrow, said = fleet.train(api, "narrow", "--priority", "-1")
     check("waits" not in said, said)
     check(fleet.ended(serve, narrow)["state"] == "JOB_STATE_SUCCEEDED", "a job that waits keeps no other from running")
     serve.maneuver("job", "cancel", wide)
     check(api.job(wide)["state"] == "JOB_STATE_CANCELLED" and "error" not in api.job(wide), api.job(wide))
+    wait_for(lambda: without_worker(serve) == 0, "no job waits in vain any more")
 
     fleet.start("work-2", "work")
     a_drained_worker(fleet, fleet.weights("calm"))

@@ -110,15 +110,21 @@ def version_of(server, scene):
     return int(answer["modelVersion"].rsplit("/", 1)[1])
 
 
+def notifications(server):
+    return int(re.search(r"^maneuver_store_notifications_total (\d+)", server.metrics_page(), re.MULTILINE)[1])
+
+
 def aliases_are_followed(fleet, scene):
     a, b, c = fleet.servers.values()
     for promoter, version in ((a, 2), (b, 1), (c, 2)):
+        before = {server: notifications(server) for server in (a, b, c)}
         promoter.maneuver("model", "promote", f"small/{version}")
         begun = time.monotonic()
         for server in fleet.servers.values():
             wait_for(lambda: version_of(server, scene) == version, f"every server serves version {version}")
             row = f'maneuver_model_version{{alias="serving",model="small"}} {version}'
             wait_for(lambda: row in server.metrics_page(), "the metrics say which version serves")
+            wait_for(lambda: notifications(server) > before[server], "the database told every server")
         print(f"small/{version} served by all after {time.monotonic() - begun:.1f} s")
     c.maneuver("model", "unalias", "small@serving")
     wait_for(lambda: a.ask("predict", scene, "--model", "small").returncode != 0, "a removed alias is gone everywhere")

@@ -7,12 +7,14 @@
 #include <chrono>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <memory>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include "absl/strings/str_replace.h"
+#include "locks/mutex.h"
 #include "server/errors/error_details.h"
 #include "server/serving/version_store.h"
 #include "server/store/postgresql_schema.h"
@@ -104,6 +106,72 @@ TEST_F(SharedStoreTest, AServerWhoseStoreAnotherOneOwnedMeanwhileStops) {
   const absl::Status refused = a_->SetAliasIf(kServing, 1, {}).status();
   EXPECT_TRUE(errors::IsStoreAway(refused)) << refused;
   EXPECT_THAT(std::string(refused.message()), HasSubstr("another maneuverd has used this store"));
+}
+
+// Counts how often a listener was told of a change.
+class Told {
+ public:
+  void Tell() {
+    {
+      const MutexLock lock(mutex_);
+      ++count_;
+    }
+    changed_.NotifyAll();
+  }
+  int count() {
+    const MutexLock lock(mutex_);
+    return count_;
+  }
+  // Returns whether the count comes to exceed `count`.
+  bool Exceeds(int count) {
+    const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+    const MutexLock lock(mutex_);
+    while (count_ <= count && changed_.WaitUntil(mutex_, deadline)) {
+    }
+    return count_ > count;
+  }
+
+ private:
+  Mutex mutex_;
+  CondVar changed_;
+  int count_ ABSL_GUARDED_BY(mutex_) = 0;
+};
+
+TEST_F(SharedStoreTest, TheDatabaseTellsAnotherServerOfEachChangeOfModels) {
+  serving::VersionLedger& ledger = *a_->Ledger();
+  Told told;
+  const auto listener = b_->ListenForModels([&] { told.Tell(); });
+  ASSERT_TRUE(told.Exceeds(0));  // it has connected
+  ASSERT_EQ(*ledger.Reserve("town", {}), 1);
+  const ModelVersionName name{"town", 1};
+  const std::vector<std::function<absl::Status()>> changes = {
+      [&] { return ledger.Announce(name, {}); },
+      [&] { return a_->SetAlias(kServing, 1); },
+      [&] { return ledger.Change(name, {}, [] { return absl::OkStatus(); }); },
+      [&] { return a_->DeleteAlias(kServing); },
+      [&] { return ledger.Retract(name); },
+  };
+  for (size_t i = 0; i < changes.size(); ++i) {
+    const int before = told.count();
+    const absl::Status changed = changes[i]();
+    ASSERT_TRUE(changed.ok()) << changed;
+    ASSERT_TRUE(told.Exceeds(before)) << "change " << i;
+  }
+}
+
+TEST_F(SharedStoreTest, AListenerThatLosesItsConnectionListensAgain) {
+  Announce({"town", 1});
+  Told told;
+  const auto listener = b_->ListenForModels([&] { told.Tell(); });
+  ASSERT_TRUE(told.Exceeds(0));
+  const int before = told.count();
+  Execute(
+      "SELECT pg_terminate_backend(pid) FROM pg_stat_activity"
+      " WHERE query = 'LISTEN maneuver_models'");
+  ASSERT_TRUE(told.Exceeds(before)) << "something may have changed meanwhile";
+  const int connected = told.count();
+  ASSERT_TRUE(a_->SetAlias(kServing, 1).ok());
+  EXPECT_TRUE(told.Exceeds(connected));
 }
 
 TEST_F(SharedStoreTest, AnAdditionIsMadeWhileServersUseTheStoreAndTheyGoOn) {

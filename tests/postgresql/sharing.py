@@ -239,9 +239,9 @@ class SharingBalancer:
 class SharingFleet:
     """The database, the servers, HAProxy, and clients of it."""
 
-    def __init__(self, options, work, in_network, servers=3, flags=(), settings=()):
+    def __init__(self, options, work, in_network, servers=3, flags=(), settings=(), environment=None):
         self.options, self.work, self.flags = options, work, flags
-        self.environment = dict(os.environ, PGSERVICEFILE=str(work / "services"))  # of the servers
+        self.environment = dict(os.environ, PGSERVICEFILE=str(work / "services"), **(environment or {}))  # of servers
         self.data = work / "data"
         self.network = Network(servers) if in_network else Loopback()
         self.servers, self.balancer, self._clients = [], None, []
@@ -266,11 +266,12 @@ class SharingFleet:
             raise
 
     def check_sessions(self):
-        """The session of each server uses TLS, and a server trusts only the authority that it is given."""
+        """Each server has a session that works and one that listens, by TLS, and trusts only the authority it is given."""
         ask = lambda what: int(self.cluster.ask(
             "SELECT count(*) FROM pg_stat_activity JOIN pg_stat_ssl USING (pid) WHERE application_name = 'maneuverd'"
             f" AND client_addr IS NOT NULL AND {what}")[0][0])
-        wait_for(lambda: ask("ssl") == len(self.servers), "the session of each server uses TLS")
+        wait_for(lambda: ask("query = 'LISTEN maneuver_models'") == len(self.servers), "each server listens")
+        wait_for(lambda: ask("ssl") == 2 * len(self.servers), "the sessions of each server use TLS")
         check(ask("NOT ssl") == 0, "no session is without TLS")
         other = self.cluster.uri(server=0, authority=self.balancer.authority)
         (self.work / "empty").mkdir()

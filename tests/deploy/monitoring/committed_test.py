@@ -21,7 +21,8 @@ ALERTS = re.findall(r"- alert: (\w+)", (RULES / "alerts.rules.yml").read_text())
 METRICS = {name for page in ("metrics_page.txt", "shadow_metrics_page.txt", "outcome_metrics_page.txt")
            for name in re.findall(r"^(\w+)(?:\{.*)?$", (REPOSITORY / "tests/integration" / page).read_text(), re.MULTILINE)}
 # Not on the page of a server without TLS, models and PostgreSQL.
-METRICS |= {"maneuver_tls_certificate_expiry_timestamp_seconds", "maneuver_model_version", "maneuver_store_available", "up"}
+METRICS |= {"maneuver_tls_certificate_expiry_timestamp_seconds", "maneuver_model_version", "maneuver_store_available",
+            "maneuver_jobs_without_worker", "up"}
 
 
 def unknown_metrics(expr):

@@ -118,7 +118,7 @@ class LiveTest(unittest.TestCase):
 
     def test_what_rules_look_at_is_there(self):
         """Each metric with each of its labels; of codes that no call ended with, the label alone."""
-        only_with_postgresql = {"maneuver_store_available"}
+        only_with_postgresql = {"maneuver_store_available", "maneuver_jobs_without_worker"}
         for rule in self.rules:
             for metric, matchers in re.findall(r"((?:maneuver|process)[:_\w]+|\bup)(\{[^}]*\})?", rule["query"]):
                 if metric in only_with_postgresql:

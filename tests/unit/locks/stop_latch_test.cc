@@ -32,5 +32,19 @@ TEST(StopLatchTest, EndsLaterWaitsAtOnce) {
   EXPECT_TRUE(stop.StoppedWithin(nanoseconds(0)));
 }
 
+TEST(StopLatchTest, AWakeEndsOneWaitWithoutStopping) {
+  StopLatch latch;
+  latch.Wake();
+  latch.Wake();
+  EXPECT_FALSE(latch.StoppedWithin(std::chrono::hours(1)));
+  EXPECT_FALSE(latch.StoppedWithin(std::chrono::milliseconds(1)));
+  std::thread waker([&] { latch.Wake(); });
+  EXPECT_FALSE(latch.StoppedWithin(std::chrono::hours(1)));
+  waker.join();
+  latch.Wake();
+  latch.Stop();
+  EXPECT_TRUE(latch.StoppedWithin(std::chrono::hours(1)));
+}
+
 }  // namespace
 }  // namespace maneuver::stop_latch_test

@@ -2,10 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <cerrno>
 #include <string>
 #include <vector>
 
 #include "maneuver/v1/status.pb.h"
+#include "model/files/errno_status.h"
 
 namespace maneuver::errors::error_details_test {
 namespace {
@@ -40,6 +42,33 @@ TEST(StorageReasonTest, KeepsAnExistingReason) {
   const absl::Status none = WithStorageReason(absl::NotFoundError("none"));
   EXPECT_EQ(none.code(), absl::StatusCode::kNotFound);
   EXPECT_EQ(ReasonOf(none), "");
+}
+
+TEST(FolderReasonTest, AFileSystemThatFailsIsUnavailableAndNamesTheFolder) {
+  for (const int error : {ENOTCONN, EIO, ESTALE, ETIMEDOUT, EHOSTDOWN}) {
+    const absl::Status status =
+        WithFolderReason(files::ErrnoStatus(error, "create", "/data/datasets/.lock"), "datasets");
+    EXPECT_EQ(status.code(), absl::StatusCode::kUnavailable) << status;
+    EXPECT_EQ(ReasonOf(status), "FOLDER_UNAVAILABLE");
+    EXPECT_NE(status.message().find("its folder datasets: cannot create .lock"), std::string::npos);
+    EXPECT_TRUE(RetryDelay(status).has_value());
+    v1::ErrorInfo info;
+    info.ParseFromString(
+        std::string(*status.GetPayload("type.googleapis.com/google.rpc.ErrorInfo")));
+    EXPECT_EQ(info.metadata().at("folder"), "datasets");
+    EXPECT_EQ(ReasonOf(WithStorageReason(files::ErrnoStatus(error, "write", "/data/x"))),
+              "FOLDER_UNAVAILABLE");
+  }
+}
+
+TEST(FolderReasonTest, LeavesErrorsOfASingleFileAlone) {
+  for (const int error : {ENOENT, ENOSPC, EACCES, EISDIR}) {
+    const absl::Status status = files::ErrnoStatus(error, "create", "/data/datasets/town");
+    EXPECT_EQ(WithFolderReason(status, "datasets"), status);
+  }
+  EXPECT_TRUE(WithFolderReason(absl::OkStatus(), "datasets").ok());
+  const absl::Status known = WithReason(files::ErrnoStatus(EIO, "read", "x"), "MODEL_DAMAGED");
+  EXPECT_EQ(ReasonOf(WithFolderReason(known, "models")), "MODEL_DAMAGED");
 }
 
 }  // namespace

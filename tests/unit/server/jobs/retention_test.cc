@@ -46,6 +46,14 @@ TEST(VersionsToDeleteTest, KeepsVersionsThatAJobReads) {
               ElementsAre("models/town/versions/1"));
 }
 
+TEST(VersionsToDeleteTest, KeepsVersionsThatAJobHasMade) {
+  const std::vector<serving::ModelVersions::ListedVersion> versions = {
+      {{"town", 3}, false, "jobs/c"}, {{"town", 2}, false, "jobs/b"}, {{"town", 1}, false}};
+  const auto deleted = VersionsToDelete({.versions = 1}, versions, {"jobs/b"});
+  ASSERT_EQ(deleted.size(), 1u);
+  EXPECT_EQ(deleted[0].version, 1);
+}
+
 TEST(VersionsToDeleteTest, KeepsAllVersionsWithoutALimit) { EXPECT_THAT(Deleted({}), IsEmpty()); }
 
 class RetentionTest : public SupervisorTest {
@@ -108,6 +116,28 @@ TEST_F(RetentionTest, KeepsJobsThatHaveNotEnded) {
     EXPECT_EQ(LastCheckpoint(folder_ / job), 1);
     EXPECT_FALSE(*supervisor_->DropCheckpoints(job));
   }
+}
+
+TEST_F(RetentionTest, KeepsTheVersionThatARunningJobHasMadeAndMeasures) {
+  versions_.serving = security::ModelVersionName{"town", 9};
+  Trainer("[ $command = train ] && { mkdir \"$output\"; exit 0; }\n" + std::string(kRunsOn));
+  Start();
+  v1::TrainRequest request = TrainTown();
+  request.set_promotion(v1::PROMOTION_IF_NO_WORSE);
+  request.mutable_promotion_criteria()->set_dataset("datasets/village");
+  const std::string job = Train(request).name();
+  WaitForProgress(job);  // of the measurement
+  {
+    const std::lock_guard lock(versions_.mutex);
+    versions_.listed = {{{"town", 2}, false, "jobs/later"}, {versions_.published[job], false, job}};
+  }
+  Retention retention({.versions = 1}, *supervisor_, versions_);
+  ASSERT_TRUE(retention.Sweep(now_).ok());
+  EXPECT_THAT(versions_.deleted, IsEmpty());
+  ASSERT_TRUE(supervisor_->Cancel(job).ok());
+  WaitForEnd(job);
+  ASSERT_TRUE(retention.Sweep(now_).ok());
+  EXPECT_THAT(versions_.deleted, ElementsAre("models/town/versions/1"));
 }
 
 TEST_F(RetentionTest, AnInfiniteAgeKeepsEverything) {
