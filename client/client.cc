@@ -2,15 +2,13 @@
 
 #include <grpcpp/generic/generic_stub.h>
 
-#include <array>
-#include <cstdio>
 #include <future>
-#include <random>
 
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "client/connection.h"
 #include "client/credentials.h"
+#include "client/request_id.h"
 #include "client/server_address.h"
 #include "client/service_config.h"
 #include "google/protobuf/wrappers.pb.h"
@@ -19,24 +17,6 @@ namespace maneuver::client {
 namespace {
 
 constexpr int kMostKeptForRetry = 64 << 20;  // bytes of one request
-
-// Returns 128 random bits, hexadecimal.
-std::string NewRequestId() {
-  std::random_device device;
-  std::string id;
-  for (int i = 0; i < 4; ++i) {
-    std::array<char, 9> word{};
-    std::snprintf(word.data(), word.size(), "%08x", device());
-    id += word.data();
-  }
-  return id;
-}
-
-template <typename Request>
-Request WithRequestId(Request request) {
-  if (request.request_id().empty()) request.set_request_id(NewRequestId());
-  return request;
-}
 
 template <typename Empty>
 absl::Status StatusOnly(const absl::StatusOr<Empty>& response) {
@@ -171,8 +151,9 @@ absl::StatusOr<v1::RegisterMapResponse> Client::RegisterMap(const v1::RegisterMa
 }
 
 absl::StatusOr<v1::ReportOutcomesResponse> Client::ReportOutcomes(
-    const v1::ReportOutcomesRequest& request, const CallOptions& call) {
-  return MANEUVER_CALL(outcomes, OutcomeService, ReportOutcomes, Repeatable::kNo, management);
+    const v1::ReportOutcomesRequest& without_id, const CallOptions& call) {
+  const v1::ReportOutcomesRequest request = WithRequestId(without_id);
+  return MANEUVER_CALL(outcomes, OutcomeService, ReportOutcomes, Repeatable::kYes, management);
 }
 
 absl::StatusOr<v1::CollectOutcomesResponse> Client::CollectOutcomes(

@@ -27,8 +27,8 @@
 // If the server requires identities, set tls and token_file of ClientOptions.
 //
 // Each call has one deadline for all its attempts. Calls that are safe to repeat are retried when
-// the server is UNAVAILABLE (retry.h): all except deletions, ReportOutcomes and CollectOutcomes.
-// Uploads continue where they stopped. Train, Evaluate, CrossValidate, Recalibrate and Tag are safe
+// the server is UNAVAILABLE (retry.h): all except deletions and CollectOutcomes. Uploads continue
+// where they stopped. Train, Evaluate, CrossValidate, Recalibrate, Tag and ReportOutcomes are safe
 // because they carry a request_id; the client makes one if the request has none.
 
 #ifndef MANEUVER_CLIENT_CLIENT_H_
@@ -44,6 +44,7 @@
 #include "absl/status/statusor.h"
 #include "absl/time/time.h"
 #include "client/client_options.h"
+#include "client/outcome_stream.h"
 #include "client/predict_stream.h"
 #include "client/prepared_prediction.h"
 #include "maneuver/v1/admin_service.pb.h"
@@ -94,10 +95,14 @@ class Client {
   std::unique_ptr<PredictStream> StreamPredict(PredictStream::OnResponse on_response,
                                                const CallOptions& call = {});
 
-  // Reports what happened after predictions. Not retried: a server that lost its answer may have
-  // counted the outcomes.
+  // Reports what happened after predictions. The server counts a report once, even if it is sent
+  // again.
   absl::StatusOr<v1::ReportOutcomesResponse> ReportOutcomes(
       const v1::ReportOutcomesRequest& request, const CallOptions& call = {});
+  // Opens a stream for many reports: see outcome_stream.h. The client must outlive it.
+  //   call.timeout: the longest wait for one answer; by default as for ReportOutcomes
+  std::unique_ptr<OutcomeStream> StreamOutcomes(OutcomeStream::OnAnswer on_answer,
+                                                const CallOptions& call = {});
   // Makes a dataset of the outcomes that the server collected; the default deadline is that of
   // uploads. Not retried: a server that lost its answer may have made the dataset.
   absl::StatusOr<v1::CollectOutcomesResponse> CollectOutcomes(

@@ -50,7 +50,7 @@ struct ClientOptions {
   // RESOURCE_EXHAUSTED, reason kHeldBack, so that the server's time goes to calls that it can
   // answer.
   bool hold_back = true;
-  // An interrupted upload is retried for this long after the last progress.
+  // An interrupted upload, or stream of outcomes, is retried for this long after the last progress.
   absl::Duration upload_patience = absl::Minutes(2);
   // A watched job whose stream broke is watched again for this long after the last event.
   absl::Duration watch_patience = absl::Minutes(1);

@@ -606,7 +606,7 @@ void AddFind(Command& root, Environment& environment) {
                  "Compare the shares with those in other folders of tags");
   command.Option("--limit", &arguments->limit, 0, 1'000'000, "Most matches to show");
   command.Flag("--distinct", &arguments->distinct,
-               "Leave out near-duplicates: same actions, place, heading and speed");
+               "Leave out near-duplicates: same actions, place, heading, speed and latent");
   command.Option("--dataset", &arguments->datasets,
                  "Folders of the datasets that were tagged, for the next three");
   command.Picture("--plot", &arguments->plot,

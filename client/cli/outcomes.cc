@@ -36,9 +36,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// One call has at most so many targets, and stops to grow at so many bytes.
-constexpr int kTargetsPerCall = 64;
-constexpr size_t kBytesPerCall = size_t{4} << 20;
+// One report has at most so many targets, and stops to grow at so many bytes.
+constexpr int kTargetsPerReport = 64;
+constexpr size_t kBytesPerReport = size_t{4} << 20;
 
 struct OutcomesArguments {
   std::vector<std::string> sources;
@@ -103,7 +103,7 @@ google::protobuf::RepeatedPtrField<v1::AgentState> StatesAfter(const v1::Scenari
   return states;
 }
 
-// Reports the outcomes of recordings, call by call.
+// Reports the outcomes of recordings over one stream.
 class OutcomesCommand {
  public:
   OutcomesCommand(const OutcomesArguments& arguments, Environment& environment)
@@ -124,13 +124,19 @@ class OutcomesCommand {
         environment_.server_client().GetModelVersion(wanted, environment_.call_options());
     if (!version.ok()) return environment_.Fail(version.status());
     version_ = *std::move(version);
-    request_.set_model(version_.name());
+    stream_ = environment_.server_client().StreamOutcomes(
+        [this](const v1::ReportOutcomesRequest& report, const auto& answer) {
+          AddScores(report, answer);
+        },
+        environment_.call_options());
     absl::Status status;
     for (const std::string& source : arguments_.sources) {
       status = ReportSource(source);
       if (!status.ok()) break;
     }
     if (status.ok()) status = Send();
+    if (status.ok()) status = stream_->Finish();
+    if (status.ok()) status = refusal_;
     progress_.Clear();
     if (!status.ok()) return environment_.Fail(status);
     if (sums_.outcomes() == 0 && failed_ == 0) {
@@ -198,9 +204,10 @@ class OutcomesCommand {
       }
     }
     for (const auto& [time, ids] : targets) {
-      for (size_t begin = 0; begin < ids.size(); begin += kTargetsPerCall) {
-        const size_t end = std::min(ids.size(), begin + kTargetsPerCall);
-        if (targets_ + static_cast<int>(end - begin) > kTargetsPerCall || bytes_ > kBytesPerCall) {
+      for (size_t begin = 0; begin < ids.size(); begin += kTargetsPerReport) {
+        const size_t end = std::min(ids.size(), begin + kTargetsPerReport);
+        if (targets_ + static_cast<int>(end - begin) > kTargetsPerReport ||
+            bytes_ > kBytesPerReport) {
           if (absl::Status status = Send(); !status.ok()) return status;
         }
         AddOutcome(recording, time,
@@ -229,23 +236,36 @@ class OutcomesCommand {
       target.set_target_id(id);
       *target.mutable_states() = StatesAfter(recording, id, time);
     }
-    names_.push_back(recording.scenario_id());
     targets_ += static_cast<int>(ids.size());
     bytes_ += outcome.ByteSizeLong();
   }
 
-  // Sends what is collected, and adds up the scores.
+  // Sends what is collected.
   absl::Status Send() {
     if (request_.outcomes().empty()) return absl::OkStatus();
-    const auto response =
-        environment_.server_client().ReportOutcomes(request_, environment_.call_options());
-    if (!response.ok()) return response.status();
-    for (const v1::OutcomeScore& score : response->scores()) {
-      const std::string& name = names_[static_cast<size_t>(score.outcome_index())];
+    request_.set_model(version_.name());
+    const absl::Status status = stream_->Send(std::exchange(request_, {}));
+    targets_ = 0;
+    bytes_ = 0;
+    return status.ok() ? refusal_ : status;
+  }
+
+  // Adds up the scores of a report.
+  void AddScores(const v1::ReportOutcomesRequest& report,
+                 const absl::StatusOr<v1::ReportOutcomesResponse>& answer) {
+    if (!answer.ok()) {
+      refusal_.Update(answer.status());
+      return;
+    }
+    for (const v1::OutcomeScore& score : answer->scores()) {
+      if (score.outcome_index() < 0 || score.outcome_index() >= report.outcomes_size()) continue;
+      const v1::Outcome& outcome = report.outcomes(score.outcome_index());
+      const std::string& name =
+          outcome.has_scenario() ? outcome.scenario().scenario_id() : outcome.scenario_id();
       if (score.has_error()) {
         progress_.Clear();
         ReportItemError(name, score.error(), environment_);
-        failed_ += request_.outcomes(score.outcome_index()).targets_size();
+        failed_ += outcome.targets_size();
       }
       for (const v1::TargetScore& target : score.targets()) {
         if (target.has_error()) {
@@ -257,11 +277,6 @@ class OutcomesCommand {
         }
       }
     }
-    request_.clear_outcomes();
-    names_.clear();
-    targets_ = 0;
-    bytes_ = 0;
-    return absl::OkStatus();
   }
 
   void Print() const {
@@ -348,11 +363,12 @@ class OutcomesCommand {
   v1::ExampleSettings examples_;
   v1::ModelVersion version_;
   v1::ReportOutcomesRequest request_;
-  std::vector<std::string> names_;  // scenario ids of request_.outcomes
-  int targets_ = 0;                 // of request_
-  size_t bytes_ = 0;                // of request_
-  int64_t failed_ = 0;              // targets
+  int targets_ = 0;       // of request_
+  size_t bytes_ = 0;      // of request_
+  absl::Status refusal_;  // of the first report that the server refused
+  int64_t failed_ = 0;    // targets
   ScoreSums sums_;
+  std::unique_ptr<client::OutcomeStream> stream_;  // last: calls AddScores
 };
 
 struct CollectArguments {

@@ -207,13 +207,24 @@ class FileShardTagsWriter : public ShardTagsWriter {
   std::array<int64_t, kColumns> most_;
 };
 
+// Returns how many columns the files of a folder have; the others are later ones.
+size_t ColumnsOf(const Schema& schema) {
+  return schema.content.format_version() == 1 ? static_cast<size_t>(Column::kMidX) : kColumns;
+}
+
+// Returns `bytes` of zeros that take no memory, or MAP_FAILED.
+void* MapZeros(size_t bytes) {
+  return mmap(nullptr, bytes, PROT_READ, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+}
+
 // Returns what is wrong with a head; empty: nothing.
 std::string Objection(const TagHead& head, const Schema& schema) {
   // No file holds more, and sizes computed from it cannot overflow.
   constexpr int64_t kMostRows = int64_t{1} << 40;
   if (head.rows() < 0 || head.rows() > kMostRows) return "the number of rows is out of range";
-  if (head.columns_size() != static_cast<int>(kColumns)) return "the number of columns is wrong";
-  for (size_t i = 0; i < kColumns; ++i) {
+  const size_t columns = ColumnsOf(schema);
+  if (head.columns_size() != static_cast<int>(columns)) return "the number of columns is wrong";
+  for (size_t i = 0; i < columns; ++i) {
     if (head.columns(static_cast<int>(i)).bytes() != Columns()[i].bytes) {
       return absl::StrCat("column ", Columns()[i].name, " has integers of the wrong size");
     }
@@ -280,17 +291,27 @@ absl::StatusOr<std::shared_ptr<const ShardTags>> ShardTags::Open(const fs::path&
         absl::StrCat(tags->name_, " belongs to another ", kSchemaFile, " or another shard"));
   }
   size_t offset = Aligned(kPreamble + head_bytes);
-  for (size_t i = 0; i < kColumns; ++i) {
-    tags->offsets_[i] = offset;
+  const size_t columns = ColumnsOf(schema);
+  for (size_t i = 0; i < columns; ++i) {
+    tags->parts_[i] = tags->data_ + offset;
     offset += Aligned(tags->rows() * static_cast<size_t>(Columns()[i].bytes));
   }
   if (offset != size) return damaged("its size is wrong");
+  if (columns == kColumns) return tags;
+  void* const zeros = MapZeros(tags->ZeroBytes());
+  if (zeros == MAP_FAILED) return files::ErrnoStatus(errno, "map zeros beside", path);
+  tags->zeros_ = static_cast<const char*>(zeros);
+  for (size_t i = columns; i < kColumns; ++i) {
+    tags->parts_[i] = tags->zeros_;
+    tags->head_.add_columns()->set_bytes(Columns()[i].bytes);  // and its range: 0
+  }
   return tags;
 }
 
 ShardTags::~ShardTags() {
   // The mapping was made in Open, and nothing writes through it.
   if (data_ != nullptr) munmap(const_cast<char*>(data_), size_);
+  if (zeros_ != nullptr) munmap(const_cast<char*>(zeros_), ZeroBytes());
 }
 
 std::span<const int32_t> ShardTags::Narrow(Column column) const {
@@ -302,6 +323,7 @@ std::span<const int64_t> ShardTags::Wide(Column column) const {
 }
 
 absl::Status ShardTags::Verify(Column column) const {
+  if (BytesOf(column) == zeros_) return absl::OkStatus();
   const TagColumnPart& part = head_.columns(static_cast<int>(column));
   const size_t bytes = rows() * static_cast<size_t>(part.bytes());
   bool good = kernels::Crc32c({BytesOf(column), bytes}) == part.crc();

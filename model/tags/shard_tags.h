@@ -27,7 +27,7 @@ struct CsvRow {
 
 // Writes NAME.csv.gz while rows arrive, and NAME.tags at the end. Both appear only once they are
 // complete, NAME.tags last: a shard is done if it is there. Keeps the rows' numbers in memory, some
-// 90 bytes a row. The same rows always make the same files. Errors: those of GzipFile, and of
+// 110 bytes a row. The same rows always make the same files. Errors: those of GzipFile, and of
 // files. Not thread-safe.
 class ShardTagsWriter {
  public:
@@ -59,7 +59,8 @@ class ShardTags {
   const TagHead& head() const { return head_; }
   size_t rows() const { return static_cast<size_t>(head_.rows()); }
   // Checks a column against its checksum, and that numbers of recordings and of actions exist.
-  // DATA_LOSS, naming the file and the column. Call it before the values are used.
+  // DATA_LOSS, naming the file and the column. Call it before the values are used. A column that the
+  // file's format lacks has the value 0 in each row.
   absl::Status Verify(Column column) const;
   // Returns the integers of a column. Narrow: of 4 bytes; Wide: of 8.
   std::span<const int32_t> Narrow(Column column) const;
@@ -70,13 +71,15 @@ class ShardTags {
 
  private:
   ShardTags() = default;
-  const char* BytesOf(Column column) const { return data_ + offsets_[static_cast<size_t>(column)]; }
+  size_t ZeroBytes() const { return 8 * rows() + 1; }  // of zeros_
+  const char* BytesOf(Column column) const { return parts_[static_cast<size_t>(column)]; }
 
   std::string name_;
   TagHead head_;
   const char* data_ = nullptr;
   size_t size_ = 0;
-  std::array<size_t, kColumns> offsets_{};
+  const char* zeros_ = nullptr;  // of a column that the format lacks; nullptr: it has all
+  std::array<const char*, kColumns> parts_{};
 };
 
 // Returns whether the tags of a shard are complete, by both files' heads and sizes.

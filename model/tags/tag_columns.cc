@@ -39,6 +39,12 @@ const std::array<ColumnSpec, kColumns>& Columns() {
       {"x", "m", 2, 8, "position of the target at from_time, world frame"},
       {"y", "m", 2, 8, "position of the target at from_time, world frame"},
       {"heading", "rad", 4, 4, "heading of the target at from_time, world frame, -pi to pi"},
+      {"mid_x", "m", 2, 4,
+       "where the action's mean, decoded from E[z|y,s], leads after half of the horizon: metres "
+       "ahead of where the target is at peak_time"},
+      {"mid_y", "m", 2, 4, "the same, metres to its left"},
+      {"end_x", "m", 2, 4, "the same at the horizon, metres ahead"},
+      {"end_y", "m", 2, 4, "the same at the horizon, metres to its left"},
   }};
   return *kSpecs;
 }

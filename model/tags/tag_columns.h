@@ -33,8 +33,12 @@ enum class Column : int {
   kX,
   kY,
   kHeading,
+  kMidX,
+  kMidY,
+  kEndX,
+  kEndY,
 };
-inline constexpr size_t kColumns = 18;
+inline constexpr size_t kColumns = 22;
 
 // A number is stored as an integer, in units of 10^-decimals. Text and binary files thus hold the
 // same number, and a comparison has the same outcome in both.

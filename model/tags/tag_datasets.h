@@ -61,7 +61,7 @@ v1::ExampleSettings TaggingExamples(const v1::ModelManifest& manifest,
 // SHARD_CONTENT_SCENARIOS. A shard's files depend on the shard, the model, the processor's
 // precision and the options `merged` and `stride` alone: not on the other datasets, the part or the
 // threads. A shard that cannot be read is reported in `failures`, and the next one is tagged. Takes
-// memory for a few recordings for each thread, and some 90 bytes for each row of one shard.
+// memory for a few recordings for each thread, and some 110 bytes for each row of one shard.
 //
 // Errors: INVALID_ARGUMENT for two datasets of the same name, or a stride or part out of range;
 // those of data::ReadDatasetManifest and of PrepareTagFolder; those of writing; CANCELLED.

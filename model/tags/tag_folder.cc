@@ -59,10 +59,11 @@ bool IsPlainName(const std::string& name) {
 }
 
 absl::Status CheckSchema(const TagSchema& schema) {
-  if (schema.format_version() != kTagFormatVersion) {
+  if (schema.format_version() < kOldestTagFormatVersion ||
+      schema.format_version() > kTagFormatVersion) {
     return absl::DataLossError(absl::StrCat(kSchemaFile, ": format_version is ",
                                             schema.format_version(), "; this program reads ",
-                                            kTagFormatVersion));
+                                            kOldestTagFormatVersion, " to ", kTagFormatVersion));
   }
   if (schema.action_names().empty()) {
     return absl::DataLossError(absl::StrCat(kSchemaFile, ": action_names is empty"));

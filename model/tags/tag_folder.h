@@ -14,7 +14,10 @@
 namespace maneuver::tags {
 
 inline constexpr char kSchemaFile[] = "schema.json";
-inline constexpr int kTagFormatVersion = 1;
+inline constexpr int kTagFormatVersion = 2;
+// Tags of format 1 have all columns but the last four, which read as 0. They can be read, not added
+// to.
+inline constexpr int kOldestTagFormatVersion = 1;
 
 std::filesystem::path CsvFileOf(const std::filesystem::path& folder, const TagFile& file);
 std::filesystem::path TagsFileOf(const std::filesystem::path& folder, const TagFile& file);
@@ -35,8 +38,8 @@ struct Schema {
 absl::StatusOr<Schema> PrepareTagFolder(const std::filesystem::path& folder,
                                         const TagSchema& schema);
 
-// Reads the schema of a folder. NOT_FOUND if there is none; DATA_LOSS if it is damaged or of
-// another format version.
+// Reads the schema of a folder. NOT_FOUND if there is none; DATA_LOSS if it is damaged or of a
+// format version that this program does not read.
 absl::StatusOr<Schema> ReadSchema(const std::filesystem::path& folder);
 
 }  // namespace maneuver::tags

@@ -606,6 +606,8 @@ std::vector<Match> WithoutNearDuplicates(const TagSet& set, const std::vector<Ma
   constexpr double kPlace = 10.0;                               // metres
   constexpr double kHeading = 30.0 * std::numbers::pi / 180.0;  // radians
   constexpr double kSpeed = 2.0;                                // metres per second
+  constexpr double kMid = 2.5;                                  // metres
+  constexpr double kEnd = 5.0;                                  // metres
   const auto number = [&](const Match& match, Column column) {
     return ToNumber(column, set.shards[match.shard].tags->Value(column, match.row));
   };
@@ -622,9 +624,12 @@ std::vector<Match> WithoutNearDuplicates(const TagSet& set, const std::vector<Ma
   };
   const auto similar = [&](const Match& a, const Match& b) {
     const double turn = number(a, Column::kHeading) - number(b, Column::kHeading);
-    return kind(a) == kind(b) &&
-           std::hypot(number(a, Column::kX) - number(b, Column::kX),
-                      number(a, Column::kY) - number(b, Column::kY)) <= kPlace &&
+    const auto distance = [&](Column x, Column y) {
+      return std::hypot(number(a, x) - number(b, x), number(a, y) - number(b, y));
+    };
+    return kind(a) == kind(b) && distance(Column::kX, Column::kY) <= kPlace &&
+           distance(Column::kMidX, Column::kMidY) <= kMid &&
+           distance(Column::kEndX, Column::kEndY) <= kEnd &&
            std::abs(std::remainder(turn, 2.0 * std::numbers::pi)) <= kHeading &&
            std::abs(number(a, Column::kSpeed) - number(b, Column::kSpeed)) <= kSpeed;
   };

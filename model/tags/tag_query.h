@@ -136,9 +136,13 @@ struct ShareInterval {
 ShareInterval IntervalOf(const Statistics& statistics, const std::string& group);
 
 // Returns the first of the matches that are not near-duplicates of an earlier one, at most `most`.
-// Two rows are near-duplicates if they have the same action, likeliest action and class, begin
-// within 10 m of each other with headings that differ by at most 30 degrees and speeds that differ
-// by at most 2 m/s, or are of the same target of the same recording.
+// Two rows are near-duplicates if all of this holds:
+//   - they have the same action, likeliest action and class;
+//   - they begin within 10 m of each other, with headings that differ by at most 30 degrees and
+//     speeds that differ by at most 2 m/s;
+//   - their latents are near: the means of the action, decoded from E[z|y,s], are within 2.5 m of
+//     each other after half of the horizon and within 5 m at the horizon.
+// Rows of one target of one recording are near-duplicates, too.
 std::vector<Match> WithoutNearDuplicates(const TagSet& set, const std::vector<Match>& matches,
                                          size_t most);
 

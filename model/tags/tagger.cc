@@ -60,6 +60,9 @@ struct Tagger::Window {
   int likeliest = 0;
   double ade = 0.0;
   double fde = 0.0;
+  // Of the action's mean, target frame, metres.
+  Eigen::RowVector2d mid;
+  Eigen::RowVector2d end;
 };
 
 Tagger::Tagger(std::shared_ptr<const inference::ActionModel> model, TaggerOptions options)
@@ -126,10 +129,13 @@ Tagger::Window Tagger::TagWindow(const v1::Scenario& recording, const data::Exam
   window.probability = encoding.probabilities[window.action];
   encoding.probabilities.maxCoeff(&window.likeliest);
   const inference::TrajectorySet means = session_->MeanTrajectories(
-      encoding, std::array{window.likeliest}, inference::LatentSource::kPosterior);
+      encoding, std::array{window.likeliest, window.action}, inference::LatentSource::kPosterior);
   const evaluation::DisplacementErrors errors = evaluation::ErrorsOf(means[0], driven);
   window.ade = errors.min_ade;
   window.fde = errors.min_fde;
+  const auto taken = means[1];
+  window.mid = taken.row((taken.rows() - 1) / 2);
+  window.end = taken.row(taken.rows() - 1);
   return window;
 }
 
@@ -167,6 +173,10 @@ CsvRow Tagger::RowOf(const Window* begin, const Window* end) const {
   set(Column::kX, begin->X_WT.x());
   set(Column::kY, begin->X_WT.y());
   set(Column::kHeading, std::remainder(begin->X_WT.heading(), 2.0 * std::numbers::pi));
+  set(Column::kMidX, peak.mid.x());
+  set(Column::kMidY, peak.mid.y());
+  set(Column::kEndX, peak.end.x());
+  set(Column::kEndY, peak.end.y());
   row.responsibilities = ResponsibilitiesText(responsibilities);
   return row;
 }

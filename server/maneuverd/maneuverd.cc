@@ -363,6 +363,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   // Who balances needs a moment to see that: until then nobody is turned away.
   std::this_thread::sleep_until(refusing);
   predictions.Drain();
+  outcome_service.Drain();
   (*server)->Shutdown(refusing + options.shutdown_timeout);
   (*models)->OnReadyChange(nullptr);
   stop_following.Stop();

@@ -23,11 +23,6 @@ constexpr int64_t kMaxExpectedBytes = int64_t{64} << 20;
 constexpr size_t kMaxStreamedIdLength = 128;
 constexpr char kMethod[] = "/maneuver.v1.PredictionService/StreamPredict";
 
-absl::Status ShuttingDown() {
-  return errors::WithReason(
-      absl::UnavailableError("the server is shutting down; open another stream"), "SHUTTING_DOWN");
-}
-
 absl::Status NoMessage() {
   return errors::InvalidField("request", "these bytes are not a StreamPredictRequest");
 }
@@ -42,27 +37,6 @@ serving::TimePoint StreamDeadline(const StreamOutline& outline) {
 }
 
 }  // namespace
-
-void OpenStreams::Drain() {
-  std::set<std::shared_ptr<PredictStream>> streams;
-  {
-    const MutexLock lock(mutex_);
-    draining_ = true;
-    streams = streams_;
-  }
-  for (const auto& stream : streams) stream->Drain();
-}
-
-bool OpenStreams::Add(const std::shared_ptr<PredictStream>& stream) {
-  const MutexLock lock(mutex_);
-  streams_.insert(stream);
-  return !draining_;
-}
-
-void OpenStreams::Remove(const std::shared_ptr<PredictStream>& stream) {
-  const MutexLock lock(mutex_);
-  streams_.erase(stream);
-}
 
 PredictionIo PredictIo(const v1::PredictRequest& request, v1::PredictResponse* response) {
   return {.model = &request.model(),

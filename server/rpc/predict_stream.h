@@ -18,6 +18,7 @@
 #include "absl/base/thread_annotations.h"
 #include "locks/mutex.h"
 #include "maneuver/v1/prediction_service.pb.h"
+#include "server/rpc/open_streams.h"
 #include "server/rpc/prediction_run.h"
 
 namespace maneuver::rpc {
@@ -25,28 +26,9 @@ namespace maneuver::rpc {
 // Returns the inputs and outputs of a run for Predict's request and response.
 PredictionIo PredictIo(const v1::PredictRequest& request, v1::PredictResponse* response);
 
-class PredictStream;
-
-// The open streams. Safe to use from any thread.
-class OpenStreams {
- public:
-  // Ends every open stream, and every stream that is opened later; see PredictStream::Drain.
-  void Drain();
-
- private:
-  friend class PredictStream;
-
-  // Returns false if the stream must end at once.
-  bool Add(const std::shared_ptr<PredictStream>& stream);
-  void Remove(const std::shared_ptr<PredictStream>& stream);
-
-  Mutex mutex_;
-  bool draining_ ABSL_GUARDED_BY(mutex_) = false;
-  std::set<std::shared_ptr<PredictStream>> streams_ ABSL_GUARDED_BY(mutex_);
-};
-
 // A stream lives until gRPC has finished it, which is after its last request was answered.
 class PredictStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>,
+                            public OpenStream,
                             public std::enable_shared_from_this<PredictStream> {
  public:
   // Opens a stream. Each of its requests is admitted separately. The stream ends when the caller's
@@ -56,7 +38,7 @@ class PredictStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grp
 
   // Accepts no more requests, answers those in flight, and ends with UNAVAILABLE, so that the
   // caller opens another stream elsewhere.
-  void Drain();
+  void Drain() override;
 
   void OnReadDone(bool ok) override;
   void OnWriteDone(bool ok) override;

@@ -26,6 +26,7 @@ constexpr MethodRole kMethodRoles[] = {
     {"/maneuver.v1.PredictionService/RegisterMap", Role::kPredict},
 
     {"/maneuver.v1.OutcomeService/ReportOutcomes", Role::kPredict},
+    {"/maneuver.v1.OutcomeService/StreamOutcomes", Role::kPredict},
     {"/maneuver.v1.OutcomeService/CollectOutcomes", Role::kTrain},
 
     {"/maneuver.v1.ModelService/ListModelVersions", Role::kPredict},

@@ -1,9 +1,11 @@
 #include "server/serving/outcome_metrics.h"
 
+#include <algorithm>
 #include <array>
 #include <string_view>
 
 #include "absl/strings/str_cat.h"
+#include "model/evaluation/calibration.h"
 #include "model/evaluation/envelope.h"
 
 namespace maneuver::serving {
@@ -13,6 +15,8 @@ constexpr char kOthers[] = "_others";  // no model can have this name
 constexpr size_t kDisplacements = 4;   // the first of kOutcomeMetrics, metres
 constexpr size_t kHistograms = 5;      // those and nll
 constexpr std::array<const char*, 2> kSigmas = {"1", "2"};
+constexpr size_t kConfidenceBins = evaluation::ActionStatistics::kBins;
+static_assert(kConfidenceBins == 10, "labels have one decimal");
 
 monitoring::Counter& ReportedTargets(monitoring::MetricRegistry& metrics, const char* result) {
   return metrics.AddCounter(
@@ -74,6 +78,21 @@ OutcomeMetrics::Stratum::Stratum(monitoring::MetricRegistry& metrics, const std:
   }
 }
 
+OutcomeMetrics::ConfidenceBin::ConfidenceBin(monitoring::MetricRegistry& metrics,
+                                             const std::string& version, size_t bin)
+    : outcomes(metrics.AddCounter(
+          "maneuver_outcome_likeliest_total",
+          "Outcomes by p(y|s) of the likeliest action: the lower end of a tenth.",
+          {{"model_version", version}, {"probability", absl::StrCat("0.", bin)}})),
+      probability(metrics.AddCounter(
+          "maneuver_outcome_likeliest_probability_total",
+          "Sum over these outcomes of p(y|s) of the likeliest action.",
+          {{"model_version", version}, {"probability", absl::StrCat("0.", bin)}})),
+      responsibility(metrics.AddCounter(
+          "maneuver_outcome_likeliest_responsibility_total",
+          "Sum over these outcomes of q(y|x,s) of the likeliest action: how often it was taken.",
+          {{"model_version", version}, {"probability", absl::StrCat("0.", bin)}})) {}
+
 OutcomeMetrics::OutcomeMetrics(monitoring::MetricRegistry& metrics)
     : metrics_(metrics),
       scored_(ReportedTargets(metrics, "scored")),
@@ -87,7 +106,11 @@ OutcomeMetrics::Version& OutcomeMetrics::VersionOf(const ServedModel& model) {
   const auto [found, added] = versions_.try_emplace(label);
   Version& version = found->second;
   version.label = label;
-  if (!added || label == kOthers) return version;
+  if (!added) return version;
+  for (size_t bin = 0; bin < kConfidenceBins; ++bin) {
+    version.confidence.emplace_back(metrics_, label, bin);
+  }
+  if (label == kOthers) return version;
   const v1::ModelManifest& manifest = model.model().manifest();
   ShowExpectedCoverage(manifest, label, metrics_);
   for (int k = 0; k < manifest.spec().actions(); ++k) {
@@ -117,6 +140,13 @@ void OutcomeMetrics::Observe(const ServedModel& model, const ScoredOutcome& outc
   for (size_t i = 0; i < kSigmas.size(); ++i) {
     stratum.covered[i]->Increment(outcome.metrics[kHistograms + i]);
   }
+  Eigen::Index likeliest = 0;
+  const double confidence = outcome.measurement.probabilities.maxCoeff(&likeliest);
+  const auto bin = static_cast<size_t>(std::max(0.0, confidence * kConfidenceBins));
+  const ConfidenceBin& reliability = version.confidence[std::min(bin, kConfidenceBins - 1)];
+  reliability.outcomes.Increment();
+  reliability.probability.Increment(confidence);
+  reliability.responsibility.Increment(outcome.measurement.responsibilities[likeliest]);
   for (size_t k = 0; k < version.actions.size(); ++k) {
     version.actions[k]->Increment(outcome.measurement.probabilities[static_cast<Eigen::Index>(k)]);
   }

@@ -43,8 +43,16 @@ class OutcomeMetrics {
     std::vector<monitoring::Histogram*> histograms;  // of the first metrics of kOutcomeMetrics
     std::vector<monitoring::Counter*> covered;       // of the others
   };
+  // Outcomes whose likeliest action has a p(y|s) within one of ten equal intervals.
+  struct ConfidenceBin {
+    ConfidenceBin(monitoring::MetricRegistry& metrics, const std::string& version, size_t bin);
+    monitoring::Counter& outcomes;
+    monitoring::Counter& probability;     // sum of p(y|s) of the likeliest action
+    monitoring::Counter& responsibility;  // sum of q(y|x,s) of the same action
+  };
   struct Version {
     std::string label;
+    std::vector<ConfidenceBin> confidence;
     std::map<std::string_view, Stratum> strata;  // by speed
     std::vector<monitoring::Counter*> actions;   // [K]; empty for "_others"
   };

@@ -75,6 +75,9 @@ int Main(int argc, char** argv) {
         set(Column::kX, uniform(-5000.0, 5000.0));
         set(Column::kY, uniform(-5000.0, 5000.0));
         set(Column::kHeading, uniform(-3.0, 3.0));
+        for (const Column column : {Column::kMidX, Column::kMidY, Column::kEndX, Column::kEndY}) {
+          set(column, uniform(-20.0, 80.0));
+        }
         time += 1.0;
       }
       const absl::Status status = (*writer)->Add(absl::StrCat("scene-", scene), made);

@@ -314,7 +314,9 @@ class FindTest(unittest.TestCase):
                 alike = (row["action"], row["likeliest"], row["class"]) == (
                     other["action"], other["likeliest"], other["class"])
                 close = math.hypot(row["x"] - other["x"], row["y"] - other["y"]) <= 10
-                self.assertFalse(alike and close and abs(turn) <= math.radians(30)
+                near = all(math.hypot(row[f"{at}_x"] - other[f"{at}_x"], row[f"{at}_y"] - other[f"{at}_y"]) <= most
+                           for at, most in (("mid", 2.5), ("end", 5.0)))
+                self.assertFalse(alike and close and near and abs(turn) <= math.radians(30)
                                  and abs(row["speed"] - other["speed"]) <= 2)
                 self.assertNotEqual((row["scene"], row["target"]), (other["scene"], other["target"]))
 

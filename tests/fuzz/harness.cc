@@ -12,6 +12,7 @@
 #include "maneuver/v1/prediction_service.pb.h"
 #include "maneuver/v1/scenario.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
+#include "tag_files.pb.h"
 
 namespace maneuver::fuzz {
 namespace {
@@ -59,6 +60,7 @@ const std::vector<Harness>& Harnesses() {
       {"scenario", Scenario, Of<v1::Scenario>},
       {"settings", Settings, Of<v1::TrainingSettings>},
       {"shard_index", ShardIndex, None},
+      {"tags", Tags, Of<tags::TagHead>},
       {"tfrecord", TfRecord, None},
       {"tokens", Tokens, None},
       {"upload", Upload, None},

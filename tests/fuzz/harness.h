@@ -55,6 +55,7 @@ void Safetensors(std::string_view bytes);
 void Scenario(std::string_view bytes);
 void Settings(std::string_view bytes);
 void ShardIndex(std::string_view bytes);
+void Tags(std::string_view bytes);
 void TfRecord(std::string_view bytes);
 void Tokens(std::string_view bytes);
 void Upload(std::string_view bytes);

@@ -22,7 +22,8 @@ def generated(protos):
             subprocess.run(["protoc", f"--proto_path={path}", f"--python_out={folder}", *files], check=True, cwd=path)
         sys.path.insert(0, folder)
         names = ["maneuver.v1.prediction_service_pb2", "maneuver.v1.scenario_pb2",
-                 "maneuver.v1.training_settings_pb2", "waymo_scenario_pb2", "shard_index_pb2"]
+                 "maneuver.v1.training_settings_pb2", "waymo_scenario_pb2", "shard_index_pb2",
+                 "tag_files_pb2"]
         return [importlib.import_module(name) for name in names]
 
 
@@ -107,9 +108,10 @@ def write_waymo(pb):
 
 
 def main():
-    predictions, scenarios, settings, waymo, index = generated({
+    predictions, scenarios, settings, waymo, index, tags = generated({
         SOURCE / "proto": sorted(str(p.relative_to(SOURCE / "proto")) for p in (SOURCE / "proto").rglob("*.proto")),
-        SOURCE / "model" / "data": ["waymo_scenario.proto", "shard_index.proto"]})
+        SOURCE / "model" / "data": ["waymo_scenario.proto", "shard_index.proto"],
+        SOURCE / "model" / "tags": ["tag_files.proto"]})
     for name, scene in scenes(scenarios).items():
         for harness in ("scenario", "lane_paths"):
             write(harness, name, scene.SerializeToString())
@@ -137,6 +139,12 @@ def main():
     write("tfrecord", "packed", gzip.compress(record(b"abc") + record(b"defg" * 30), mtime=0))
     write("shard_index", "foreign", index.ShardIndex(format_version=1, shard_sha256="0" * 64).SerializeToString())
     write_waymo(waymo)
+    head = tags.TagHead(rows=5, windows=5, csv_bytes=100, scenes=["a", "b", "c", "d"], action_rows=[2, 2, 1])
+    for size in (4, 8, 4, 8, 8, 4, 4, 4, 4, 4, 8, 4, 4, 4, 4, 8, 8, 4, 4, 4, 4, 4):
+        head.columns.add(bytes=size, least=0, most=1)
+    for place in (6, 11):  # action and likeliest: some number of 0 to 2
+        head.columns[place].most = 0
+    write("tags", "five-rows", head.SerializeToString())
 
     header = b'{"a":{"dtype":"F32","shape":[2,1],"data_offsets":[0,8]},"b":{"dtype":"F32","shape":[],"data_offsets":[8,12]}}'
     header += b" " * (-len(header) % 8)

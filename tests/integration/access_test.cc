@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "maneuver/v1/outcome_service.grpc.pb.h"
 #include "maneuver/v1/prediction_service.grpc.pb.h"
 #include "maneuver/v1/status.pb.h"
 #include "tests/integration/raw_call.h"
@@ -35,6 +36,7 @@ const std::map<std::string, std::string> kExpectedRoles = {
     {"/maneuver.v1.PredictionService/RegisterMap", "predict"},
     {"/maneuver.v1.PredictionService/StreamPredict", "predict"},
     {"/maneuver.v1.OutcomeService/ReportOutcomes", "predict"},
+    {"/maneuver.v1.OutcomeService/StreamOutcomes", "predict"},
     {"/maneuver.v1.OutcomeService/CollectOutcomes", "train"},
     {"/maneuver.v1.ModelService/ListModelVersions", "predict"},
     {"/maneuver.v1.ModelService/GetModelVersion", "predict"},
@@ -244,6 +246,14 @@ TEST_F(AccessTest, TokensAreAddedAndRevokedWhileTheServerRuns) {
   ASSERT_TRUE(stream->Read(&response));
   EXPECT_EQ(response.error().code(), static_cast<int>(grpc::StatusCode::INVALID_ARGUMENT));
 
+  grpc::ClientContext outcomes_context;
+  outcomes_context.AddMetadata("authorization", "Bearer " + first);
+  const auto outcomes = v1::OutcomeService::NewStub(channel)->StreamOutcomes(&outcomes_context);
+  v1::StreamOutcomesResponse scores;
+  ASSERT_TRUE(outcomes->Write({}));
+  ASSERT_TRUE(outcomes->Read(&scores));
+  EXPECT_EQ(scores.error().code(), static_cast<int>(grpc::StatusCode::INVALID_ARGUMENT));
+
   const std::string second = folder_.CreateToken("second", "predict");
   const auto patience = std::chrono::seconds(10);
   EXPECT_TRUE(
@@ -266,6 +276,8 @@ TEST_F(AccessTest, TokensAreAddedAndRevokedWhileTheServerRuns) {
   const grpc::Status end = stream->Finish();
   EXPECT_EQ(end.error_code(), grpc::StatusCode::UNAUTHENTICATED);
   EXPECT_EQ(Reason(end), "TOKEN_UNKNOWN");
+  EXPECT_FALSE(outcomes->Read(&scores));
+  EXPECT_EQ(Reason(outcomes->Finish()), "TOKEN_UNKNOWN");
 }
 
 TEST_F(AccessTest, OnlyTheLogTellsAnExpiredTokenFromAnUnknownOne) {

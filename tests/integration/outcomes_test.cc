@@ -9,6 +9,7 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -21,6 +22,7 @@
 #include "maneuver/v1/evaluation.pb.h"
 #include "maneuver/v1/model_service.grpc.pb.h"
 #include "maneuver/v1/outcome_service.grpc.pb.h"
+#include "maneuver/v1/prediction_service.grpc.pb.h"
 #include "tests/integration/metrics_page.h"
 #include "tests/integration/trained_server.h"
 
@@ -181,16 +183,18 @@ std::string Refusal(v1::OutcomeService::Stub& stub, const v1::ReportOutcomesRequ
   return scores.has_error() ? scores.error().message() : scores.targets(0).error().message();
 }
 
+// Returns the outcomes in the folder of the collection.
+std::set<std::string> CollectedIn(const fs::path& folder) {
+  std::set<std::string> names;
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    const std::string name = entry.path().filename().string();
+    if (name.front() != '.') names.insert(name);
+  }
+  return names;
+}
+
 TEST_F(OutcomesTest, AServerThatIsKilledHasEachAcknowledgedOutcomeOnce) {
-  const fs::path folder = trained_->data_dir() / "outcomes";
-  const auto collected = [&folder] {
-    std::set<std::string> names;
-    for (const auto& entry : fs::directory_iterator(folder)) {
-      const std::string name = entry.path().filename().string();
-      if (name.front() != '.') names.insert(name);
-    }
-    return names;
-  };
+  const auto collected = [this] { return CollectedIn(trained_->data_dir() / "outcomes"); };
   // What other tests left.
   Run({"outcomes", "collect", "before", "--forget"}, collected().empty() ? 1 : 0);
   ASSERT_TRUE(collected().empty());
@@ -226,6 +230,74 @@ TEST_F(OutcomesTest, AServerThatIsKilledHasEachAcknowledgedOutcomeOnce) {
   EXPECT_THAT(Run({"outcomes", "collect", "killed"}),
               HasSubstr("datasets/killed: " + std::to_string(reports.size()) + " recordings"));
   EXPECT_THAT(Run({"outcomes", "collect", "killed"}, /*status=*/1), HasSubstr("exists"));
+}
+
+TEST_F(OutcomesTest, AStreamThatAKillBreaksLosesAndRepeatsNothing) {
+  const auto collected = [this] { return CollectedIn(trained_->data_dir() / "outcomes"); };
+  Run({"outcomes", "collect", "before-stream", "--forget"}, collected().empty() ? 1 : 0);
+  std::vector<v1::ReportOutcomesRequest> reports = ReportsOf(trained_->unseen());
+  ASSERT_GT(reports.size(), 20u);
+  for (size_t i = 0; i < reports.size(); ++i) reports[i].set_request_id(std::to_string(i));
+  // Sends reports from `first` to `end`, and counts the answers. Calls `on_answer` after each.
+  const auto stream = [&](size_t first, size_t end,
+                          const std::function<void(size_t answers)>& on_answer) {
+    grpc::ClientContext context;
+    const auto call = v1::OutcomeService::NewStub(server().channel())->StreamOutcomes(&context);
+    std::jthread writer([&] {
+      v1::StreamOutcomesRequest request;
+      for (size_t i = first; i < end; ++i) {
+        *request.mutable_report() = reports[i];
+        if (!call->Write(request)) return;
+      }
+      if (end == reports.size()) call->WritesDone();
+    });
+    size_t answers = 0;
+    for (v1::StreamOutcomesResponse answer; call->Read(&answer);) {
+      EXPECT_EQ(answer.request_id(), reports[first + answers].request_id());
+      EXPECT_FALSE(answer.has_error()) << answer.error().message();
+      on_answer(++answers);
+    }
+    writer.join();
+    return std::pair(answers, call->Finish());
+  };
+  const auto [answered, break_off] = stream(0, 15, [this](size_t answers) {
+    if (answers == 7) server().Kill();
+  });
+  ASSERT_GE(answered, 7u);
+  EXPECT_EQ(break_off.error_code(), grpc::StatusCode::UNAVAILABLE);
+  EXPECT_GE(collected().size(), answered);
+  trained_->Restart();
+  const auto [rest, end_of_rest] = stream(answered, reports.size(), [](size_t) {});
+  EXPECT_TRUE(end_of_rest.ok()) << end_of_rest.error_message();
+  EXPECT_EQ(rest, reports.size() - answered);
+  EXPECT_EQ(collected().size(), reports.size());
+  EXPECT_EQ(Counted("scored"), static_cast<double>(rest));
+  // A stream whose end is lost, but not the server: what is sent again is counted once.
+  EXPECT_EQ(stream(answered, reports.size(), [](size_t) {}).first, rest);
+  EXPECT_EQ(Counted("scored"), static_cast<double>(rest));
+}
+
+TEST_F(OutcomesTest, AKeptAnswerIsScoredOnceThoughItsReportIsSentAgain) {
+  const v1::Scenario& scene = trained_->unseen()[1];
+  v1::PredictRequest asked;
+  asked.set_model("models/tiny");
+  *asked.add_scenarios() = scene;
+  grpc::ClientContext asking;
+  v1::PredictResponse answer;
+  ASSERT_TRUE(
+      v1::PredictionService::NewStub(server().channel())->Predict(&asking, asked, &answer).ok());
+  v1::ReportOutcomesRequest report = ReportsOf({scene}).at(0);
+  report.set_request_id("of a planner");
+  report.mutable_outcomes(0)->clear_scenario();
+  report.mutable_outcomes(0)->set_scenario_id(scene.scenario_id());
+  report.mutable_outcomes(0)->set_prediction_time(scene.prediction_time());
+  const auto stub = v1::OutcomeService::NewStub(server().channel());
+  const double scored = Counted("scored");
+  EXPECT_EQ(Refusal(*stub, report), "");
+  EXPECT_EQ(Refusal(*stub, report), "");
+  EXPECT_EQ(Counted("scored") - scored, 1.0);
+  report.clear_request_id();
+  EXPECT_THAT(Refusal(*stub, report), HasSubstr("not scored yet"));
 }
 
 TEST_F(OutcomesTest, CollectedOutcomesRecalibrateAndTrain) {

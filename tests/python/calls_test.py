@@ -307,6 +307,8 @@ class Outcomes(outcome_service_pb2_grpc.OutcomeServiceServicer):
 
     def __init__(self):
         self.requests = []
+        self.streams = []  # the request ids that each has read
+        self.broken_streams = 0  # so many break when the third report arrives
 
     def ReportOutcomes(self, request, context):
         self.requests.append(request)
@@ -314,6 +316,19 @@ class Outcomes(outcome_service_pb2_grpc.OutcomeServiceServicer):
             fail(context, *refusal(grpc.StatusCode.UNAVAILABLE, "SERVER_STOPS"))
         score = v1.TargetScore(target_id=request.outcomes[0].targets[0].target_id)
         return v1.ReportOutcomesResponse(scores=[v1.OutcomeScore(targets=[score])])
+
+    def StreamOutcomes(self, requests, context):
+        self.streams.append([])
+        for request in requests:
+            self.streams[-1].append(request.report.request_id)
+            if len(self.streams) <= self.broken_streams and len(self.streams[-1]) == 3:
+                context.abort(grpc.StatusCode.UNAVAILABLE, "broken")
+            if not request.report.outcomes:
+                yield v1.StreamOutcomesResponse(error=v1.Status(code=3, message="outcomes: none"))
+                continue
+            score = v1.TargetScore(target_id=request.report.outcomes[0].targets[0].target_id)
+            yield v1.StreamOutcomesResponse(response=v1.ReportOutcomesResponse(
+                scores=[v1.OutcomeScore(targets=[score])]))
 
     def CollectOutcomes(self, request, context):
         self.requests.append(request)
@@ -395,15 +410,52 @@ class CallsTest(unittest.TestCase):
             self.client().delete_job("jobs/a")
         self.assertEqual(self.training.deletions, 1)
 
-    def test_does_not_repeat_a_report_of_outcomes(self):
+    def test_repeats_a_report_of_outcomes_under_one_request_id(self):
         outcome = {"scenarioId": "drive", "targets": [{"targetId": 7}]}
-        with self.assertRaises(maneuver.UnavailableError):
-            self.client().report_outcomes([outcome])
-        self.assertEqual(len(self.outcomes.requests), 1)
         scores = self.client().report_outcomes([outcome], model="models/m").scores
         self.assertEqual(scores[0].targets[0].target_id, 7)
-        self.assertEqual(self.outcomes.requests[1].outcomes[0].scenario_id, "drive")
-        self.assertEqual(self.outcomes.requests[1].model, "models/m")
+        first, second = self.outcomes.requests
+        self.assertEqual(first, second)
+        self.assertEqual(second.outcomes[0].scenario_id, "drive")
+        self.assertEqual(second.model, "models/m")
+        self.assertEqual(len(second.request_id), 32)
+
+    def test_a_stream_of_outcomes_takes_reports_as_the_server_gets_on(self):
+        taken = []
+
+        def reports():
+            for target in range(12):
+                taken.append(target)
+                outcome = {"scenarioId": "drive", "targets": [{"targetId": target}]}
+                yield [outcome] if target != 5 else []
+
+        answers = []
+        for answer in self.client().stream_outcomes(reports()):
+            answers.append(answer)
+            self.assertLessEqual(len(taken) - len(answers), 4)
+        self.assertIsInstance(answers.pop(5), maneuver.InvalidArgumentError)
+        self.assertEqual([answer.scores[0].targets[0].target_id for answer in answers],
+                         [target for target in range(12) if target != 5])
+
+    def test_a_broken_stream_of_outcomes_goes_on_with_what_has_no_answer(self):
+        self.outcomes.broken_streams = 2
+        reports = [[{"scenarioId": "drive", "targets": [{"targetId": target}]}]
+                   for target in range(8)]
+        answers = list(self.client().stream_outcomes(reports))
+        self.assertEqual([answer.scores[0].targets[0].target_id for answer in answers],
+                         list(range(8)))
+        first, second, third = self.outcomes.streams
+        self.assertEqual((first[2], second[2]), (second[0], third[0]))
+        self.assertEqual(len({*first, *second, *third}), 8)
+
+    def test_a_stream_of_outcomes_to_a_server_that_is_away_ends_after_the_retries(self):
+        self.outcomes.broken_streams = 100
+        stream = self.client().stream_outcomes([[], []])  # breaks at the third alone
+        self.assertEqual(len(list(stream)), 2)
+        away = maneuver.Client("127.0.0.1:1", retries=maneuver.RetryPolicy(2, 0.001))
+        with self.assertRaises(maneuver.UnavailableError):
+            next(away.stream_outcomes([[]]))
+        away.close()
 
     def test_does_not_repeat_a_collection_of_outcomes(self):
         with self.assertRaises(maneuver.UnavailableError):

@@ -158,6 +158,10 @@ class PredictionTest(LiveTest):
         self.assertEqual(refused.targets[0].error.code, grpc.StatusCode.NOT_FOUND.value[0])
         with self.assertRaises(maneuver.InvalidArgumentError):
             self.client.report_outcomes([])
+        first, none, second = self.client.stream_outcomes([[outcome], [], [outcome, unknown]])
+        self.assertEqual(first.scores[0], scored)
+        self.assertIsInstance(none, maneuver.InvalidArgumentError)
+        self.assertEqual(second.scores[1].targets[0].error.code, grpc.StatusCode.NOT_FOUND.value[0])
 
     def test_a_wrong_scene_of_a_batch_fails_alone(self):
         wrong = maneuver.Scenario.from_proto(PLANNER.to_proto())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import pathlib
 import uuid
-from typing import Any, Callable, Iterator, Mapping, Optional, Sequence, TypeVar, Union
+from typing import Any, Callable, Iterable, Iterator, Mapping, Optional, Sequence, TypeVar, Union
 
 import grpc
 from google.protobuf import empty_pb2, json_format, wrappers_pb2
@@ -15,9 +15,10 @@ from maneuver import downloads, v1
 from maneuver.answers import ActionSet, action_set_of
 from maneuver.connection import Connection, Deadlines
 from maneuver.credentials import Tls
-from maneuver.errors import UnavailableError, error, from_rpc, from_status
+from maneuver.errors import ManeuverError, UnavailableError, error, from_rpc, from_status
 from maneuver.jobs import Watch, has_ended
 from maneuver.model_transfers import ModelUpload
+from maneuver.outcomes import stream_reports
 from maneuver.predictor import PredictionRequest, Predictor
 from maneuver.retry import Clock, OnRetry, RetryPolicy
 from maneuver.scenes import MapFeature, map_to_proto
@@ -42,6 +43,13 @@ def _message(value: Union[_Message, Mapping[str, Any], None], kind: "type[_Messa
     return message
 
 
+def _report(outcomes: Sequence[Union[v1.Outcome, Mapping[str, Any]]], model: str,
+            request_id: str = "") -> v1.ReportOutcomesRequest:
+    return v1.ReportOutcomesRequest(
+        model=model, outcomes=[_message(outcome, v1.Outcome) for outcome in outcomes],
+        request_id=request_id or uuid.uuid4().hex)
+
+
 class Client(Predictor):
     """A connection to one server, or to each of several. Thread-safe.
 
@@ -58,9 +66,9 @@ class Client(Predictor):
     deadline: seconds for a call with all its attempts, or Deadlines for each kind of call. Every
         method takes a `timeout` in its place.
     retries: how often a call that failed is tried again, or a RetryPolicy. Calls that are safe to
-        repeat are: all but deletions, report_outcomes and collect_outcomes. train, evaluate,
-        cross_validate, recalibrate and tag are safe because they carry a request_id; one is made up
-        where the caller gives none.
+        repeat are: all but deletions and collect_outcomes. train, evaluate, cross_validate,
+        recalibrate, tag and report_outcomes are safe because they carry a request_id; one is made
+        up where the caller gives none.
     on_retry: told before each wait.
 
     The constructor does not wait for the server: the first call connects. It raises ValueError for
@@ -131,21 +139,36 @@ class Client(Predictor):
     # What really happened.
 
     def report_outcomes(self, outcomes: Sequence[Union[v1.Outcome, Mapping[str, Any]]], *,
-                        model: str = "",
+                        model: str = "", request_id: str = "",
                         timeout: Optional[float] = None) -> v1.ReportOutcomesResponse:
         """Reports what followed predictions, and returns their scores; the server counts them.
 
         outcomes: messages, or dicts as the contract's JSON has them. Each fails alone: look at the
             `error` of each score and of each of its targets.
         model: of scenes whose outcome names none.
-        Not retried: a server whose answer was lost may have counted the outcomes.
         """
-        request = v1.ReportOutcomesRequest(
-            model=model, outcomes=[_message(outcome, v1.Outcome) for outcome in outcomes])
+        request = _report(outcomes, model, request_id)
         deadline = self._connection.deadline(timeout, self._connection.deadlines.management)
         response: v1.ReportOutcomesResponse = self._connection.call(
-            self._connection.outcomes.ReportOutcomes, request, deadline, repeatable=False)
+            self._connection.outcomes.ReportOutcomes, request, deadline)
         return response
+
+    def stream_outcomes(
+            self, reports: Iterable[Sequence[Union[v1.Outcome, Mapping[str, Any]]]], *,
+            model: str = "", timeout: Optional[float] = None
+    ) -> Iterator[Union[v1.ReportOutcomesResponse, ManeuverError]]:
+        """Reports what followed many predictions over one stream.
+
+        reports: each has the outcomes of one report_outcomes, at most 256 targets. They are taken
+            as the server gets on: at most four are on their way.
+        Yields for each report, in order, its scores, or the error of a report that was refused.
+        When the stream breaks, it sends those that have no answer again, as an upload goes on; the
+        server counts each once.
+        timeout: seconds for the whole stream, in place of Deadlines.upload.
+        """
+        deadline = self._connection.deadline(timeout, self._connection.deadlines.upload)
+        return stream_reports(self._connection,
+                              (_report(outcomes, model) for outcomes in reports), deadline)
 
     def collect_outcomes(self, dataset: str, *, forget: bool = False,
                          timeout: Optional[float] = None) -> v1.CollectOutcomesResponse:

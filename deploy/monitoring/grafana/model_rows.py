@@ -119,6 +119,14 @@ def outcomes():
                [query(share("maneuver_outcome_covered_total", "sigma"), "{{model_version}} {{sigma}} sigma"),
                 query("max by (model_version, sigma) (maneuver_outcome_expected_coverage_ratio{SERVER})",
                       "{{model_version}} {{sigma}} sigma, validation")], "percentunit", least=0, most=1),
+        curves("Do the probabilities come true?",
+               "How far p(y|s) of the likeliest action is from how often it was taken, by its probability in tenths, averaged over the "
+               "outcomes: 0 is best. If it stays above that of maneuver evaluate: maneuver recalibrate.",
+               [query("sum by (model_version) (abs(sum by (model_version, probability) ("
+                      "rate(maneuver_outcome_likeliest_probability_total{SERVER}[1h]) "
+                      "- rate(maneuver_outcome_likeliest_responsibility_total{SERVER}[1h])))) "
+                      "/ sum by (model_version) (rate(maneuver_outcome_likeliest_total{SERVER}[1h]))",
+                      "{{model_version}}")], "percentunit", least=0),
         curves("Are outcomes reported and scored?",
                "Targets a second. Unknown: the answer was not kept; report sooner, or raise --outcome-memory. Dropped: answers "
                "that made room for newer ones.",

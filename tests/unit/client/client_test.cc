@@ -4,8 +4,10 @@
 
 #include <atomic>
 #include <filesystem>
+#include <map>
 #include <mutex>
 #include <set>
+#include <string>
 #include <thread>
 #include <vector>
 
@@ -94,22 +96,156 @@ TEST(ClientTest, DoesNotRetryDeletions) {
   EXPECT_EQ(calls, 1);
 }
 
-TEST(ClientTest, DoesNotRetryReportsOfOutcomes) {
+TEST(ClientTest, RetriesAReportOfOutcomesUnderOneRequestId) {
   TestServer server;
-  std::atomic<int> calls = 0;
+  std::mutex mutex;
+  std::vector<std::string> ids;
   server.on_report_outcomes = [&](const v1::ReportOutcomesRequest& request, auto* response) {
-    if (++calls == 1) return Unavailable();
+    const std::lock_guard lock(mutex);
+    ids.push_back(request.request_id());
+    if (ids.size() == 1) return Unavailable();
     response->add_scores()->set_outcome_index(request.outcomes_size());
     return grpc::Status::OK;
   };
   const auto client = ConnectTo(server.address());
   v1::ReportOutcomesRequest request;
   request.add_outcomes();
-  EXPECT_TRUE(absl::IsUnavailable(client->ReportOutcomes(request).status()));
-  EXPECT_EQ(calls, 1);
   const auto response = client->ReportOutcomes(request);
   ASSERT_TRUE(response.ok()) << response.status();
   EXPECT_EQ(response->scores(0).outcome_index(), 1);
+  ASSERT_EQ(ids.size(), 2U);
+  EXPECT_GE(ids[0].size(), 32U);
+  EXPECT_EQ(ids[0], ids[1]);
+}
+
+using OutcomeServerStream =
+    grpc::ServerReaderWriter<v1::StreamOutcomesResponse, v1::StreamOutcomesRequest>;
+
+// Answers a report with its id and, as index of a score, its number of outcomes.
+void AnswerReport(const v1::ReportOutcomesRequest& report, OutcomeServerStream* stream) {
+  v1::StreamOutcomesResponse response;
+  response.set_request_id(report.request_id());
+  if (report.outcomes().empty()) {
+    response.mutable_error()->set_code(static_cast<int>(grpc::StatusCode::INVALID_ARGUMENT));
+    response.mutable_error()->set_message("outcomes: name at least one");
+  } else {
+    response.mutable_response()->add_scores()->set_outcome_index(report.outcomes_size());
+  }
+  stream->Write(response);
+}
+
+v1::ReportOutcomesRequest ReportOf(int outcomes) {
+  v1::ReportOutcomesRequest report;
+  for (int i = 0; i < outcomes; ++i) report.add_outcomes();
+  return report;
+}
+
+TEST(ClientTest, AStreamOfOutcomesGetsAnAnswerForEachReportInOrder) {
+  TestServer server;
+  server.on_stream_outcomes = [](OutcomeServerStream* stream) {
+    v1::StreamOutcomesRequest request;
+    while (stream->Read(&request)) AnswerReport(request.report(), stream);
+    return grpc::Status::OK;
+  };
+  const auto client = ConnectTo(server.address());
+  std::vector<int> answers;
+  const std::thread::id mine = std::this_thread::get_id();
+  const auto stream = client->StreamOutcomes([&](const auto& report, const auto& answer) {
+    EXPECT_EQ(std::this_thread::get_id(), mine);
+    if (report.outcomes().empty()) {
+      EXPECT_TRUE(absl::IsInvalidArgument(answer.status())) << answer.status();
+      answers.push_back(0);
+    } else {
+      EXPECT_EQ(answer->scores(0).outcome_index(), report.outcomes_size());
+      answers.push_back(report.outcomes_size());
+    }
+  });
+  std::vector<int> sent;
+  for (int i = 0; i < 20; ++i) {
+    sent.push_back(i % 7);
+    ASSERT_TRUE(stream->Send(ReportOf(i % 7)).ok());
+    EXPECT_LT(sent.size() - answers.size(), 4U);
+  }
+  EXPECT_TRUE(stream->Finish().ok());
+  EXPECT_EQ(answers, sent);
+  EXPECT_TRUE(absl::IsFailedPrecondition(stream->Send(ReportOf(1))));
+}
+
+TEST(ClientTest, ABrokenStreamOfOutcomesIsResumedWithWhatHasNoAnswer) {
+  TestServer server;
+  std::mutex mutex;
+  std::map<std::string, int> arrived;  // by request_id
+  int streams = 0;
+  server.on_stream_outcomes = [&](OutcomeServerStream* stream) {
+    {
+      const std::lock_guard lock(mutex);
+      ++streams;
+    }
+    v1::StreamOutcomesRequest request;
+    for (int i = 0; stream->Read(&request); ++i) {
+      const std::lock_guard lock(mutex);
+      ++arrived[request.report().request_id()];
+      // The third report of each stream arrives, and its answer is lost.
+      if (i == 2) return Unavailable();
+      AnswerReport(request.report(), stream);
+    }
+    return grpc::Status::OK;
+  };
+  const auto client = ConnectTo(server.address());
+  std::vector<int> answers;
+  const auto stream = client->StreamOutcomes([&](const auto&, const auto& answer) {
+    ASSERT_TRUE(answer.ok()) << answer.status();
+    answers.push_back(answer->scores(0).outcome_index());
+  });
+  for (int i = 1; i <= 9; ++i) ASSERT_TRUE(stream->Send(ReportOf(i)).ok());
+  const absl::Status end = stream->Finish();
+  EXPECT_TRUE(end.ok()) << end;
+  EXPECT_EQ(answers, (std::vector<int>{1, 2, 3, 4, 5, 6, 7, 8, 9}));
+  EXPECT_EQ(arrived.size(), 9U);  // a report that is sent again keeps its id
+  EXPECT_GE(streams, 4);
+}
+
+TEST(ClientTest, AStreamOfOutcomesEndsWithAnErrorThatIsNotRetried) {
+  TestServer server;
+  server.on_stream_outcomes = [](OutcomeServerStream*) {
+    return grpc::Status(grpc::StatusCode::PERMISSION_DENIED, "role");
+  };
+  const auto client = ConnectTo(server.address());
+  const auto stream = client->StreamOutcomes(nullptr);
+  stream->Send(ReportOf(1)).IgnoreError();
+  EXPECT_TRUE(absl::IsPermissionDenied(stream->Finish()));
+  EXPECT_TRUE(absl::IsPermissionDenied(stream->Send(ReportOf(1))));
+}
+
+TEST(ClientTest, AStreamOfOutcomesDoesNotWaitForeverForAnAnswer) {
+  TestServer server;
+  server.on_stream_outcomes = [](OutcomeServerStream* stream) {
+    v1::StreamOutcomesRequest request;
+    while (stream->Read(&request)) {
+    }
+    return grpc::Status::OK;
+  };
+  const auto client = ConnectTo(server.address());
+  const auto stream = client->StreamOutcomes(nullptr, {.timeout = absl::Milliseconds(50)});
+  stream->Send(ReportOf(1)).IgnoreError();
+  EXPECT_TRUE(absl::IsDeadlineExceeded(stream->Finish()));
+}
+
+TEST(ClientTest, ACancelledStreamOfOutcomesEnds) {
+  TestServer server;
+  Cancellation cancellation;
+  server.on_stream_outcomes = [&](OutcomeServerStream* stream) {
+    v1::StreamOutcomesRequest request;
+    stream->Read(&request);
+    cancellation.Cancel();
+    while (stream->Read(&request)) {
+    }
+    return grpc::Status::CANCELLED;
+  };
+  const auto client = ConnectTo(server.address());
+  const auto stream = client->StreamOutcomes(nullptr, {.cancellation = &cancellation});
+  stream->Send(ReportOf(1)).IgnoreError();
+  EXPECT_TRUE(absl::IsCancelled(stream->Finish()));
 }
 
 TEST(ClientTest, TrainCarriesOneRequestIdOverAllAttempts) {
@@ -500,13 +636,22 @@ TEST(ClientTest, EveryKindOfCallSendsTheCallersIdentity) {
     return grpc::Status::OK;
   };
   server.on_stream = [](auto*) { return grpc::Status::OK; };
+  server.on_stream_outcomes = [](OutcomeServerStream* stream) {
+    v1::StreamOutcomesRequest request;
+    stream->Read(&request);
+    AnswerReport(request.report(), stream);
+    return grpc::Status::OK;
+  };
   const auto client = Client::Connect({.address = server.address(), .token = "abc"});
   ASSERT_TRUE(client.ok()) << client.status();
   EXPECT_TRUE((*client)->Predict({}).ok());
   EXPECT_TRUE((*client)->DeleteJob({}).ok());
+  const auto outcomes = (*client)->StreamOutcomes(nullptr);
+  EXPECT_TRUE(outcomes->Send(ReportOf(1)).ok());
+  EXPECT_TRUE(outcomes->Finish().ok());
   EXPECT_TRUE((*client)->WatchJob({}, {}).ok());
   EXPECT_TRUE((*client)->StreamPredict({})->Finish().ok());
-  EXPECT_EQ(seen, std::vector<std::string>(4, "Bearer abc"));
+  EXPECT_EQ(seen, std::vector<std::string>(5, "Bearer abc"));
 }
 
 TEST(ClientTest, RefusesATokenOverAnUnencryptedNetwork) {

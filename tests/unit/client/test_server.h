@@ -34,6 +34,9 @@ class TestServer final {
       on_register_map;
   std::function<grpc::Status(const v1::ReportOutcomesRequest&, v1::ReportOutcomesResponse*)>
       on_report_outcomes;
+  std::function<grpc::Status(
+      grpc::ServerReaderWriter<v1::StreamOutcomesResponse, v1::StreamOutcomesRequest>*)>
+      on_stream_outcomes;
   std::function<grpc::Status(const v1::TrainRequest&, v1::Job*)> on_train;
   // Fills in a job of another kind than training that is started, or resumed.
   std::function<void(v1::Job*)> on_start_job;
@@ -118,6 +121,13 @@ class TestServer final {
                                 v1::ReportOutcomesResponse* response) override {
       owner_->See(*context);
       return owner_->on_report_outcomes(*request, response);
+    }
+    grpc::Status StreamOutcomes(
+        grpc::ServerContext* context,
+        grpc::ServerReaderWriter<v1::StreamOutcomesResponse, v1::StreamOutcomesRequest>* stream)
+        override {
+      owner_->See(*context);
+      return owner_->on_stream_outcomes(stream);
     }
 
    private:

@@ -3,11 +3,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cstring>
 #include <fstream>
 #include <string>
 
 #include "model/data/byte_source.h"
 #include "model/files/durable_file.h"
+#include "model/kernels/crc32c.h"
 #include "tests/unit/model/tags/tags_for_tests.h"
 #include "tests/unit/temporary_folder.h"
 
@@ -63,7 +65,11 @@ class ShardTagsTest : public ::testing::Test {
                             {Column::kSpeed, 8.0},
                             {Column::kX, -12.5},
                             {Column::kY, 3e6},
-                            {Column::kHeading, -0.5}});
+                            {Column::kHeading, -0.5},
+                            {Column::kMidX, 20.0},
+                            {Column::kMidY, 1.25},
+                            {Column::kEndX, 38.0},
+                            {Column::kEndY, -4.5}});
     first.responsibilities = "0:0.7500 1:0.2500";
     WriteTags(folder(), schema_, file(),
               {{"a \"b\", c", {first}}, {"d", {RowWith({{Column::kAction, 2}})}}});
@@ -88,13 +94,16 @@ class ShardTagsTest : public ::testing::Test {
 };
 
 TEST_F(ShardTagsTest, TheCsvHasEachRowWithItsColumnsInOrder) {
-  EXPECT_EQ(Unpacked(CsvFileOf(folder(), file())),
-            "dataset,scene,target,class,from_time,to_time,windows,action,name,responsibility,"
-            "probability,surprise,peak_time,likeliest,ade,fde,speed,x,y,heading,responsibilities\n"
-            "town,\"a \"\"b\"\", c\",7,vehicle,1.500,2.000,2,0,\"left turn, slowing\",0.7500,"
-            "0.125000,2.0794,2.000,1,0.50,1.00,8.00,-12.50,3000000.00,-0.5000,0:0.7500 1:0.2500\n"
-            "town,d,0,unspecified,0.000,0.000,1,2,stop,0.0000,0.000000,0.0000,0.000,0,0.00,0.00,"
-            "0.00,0.00,0.00,0.0000,\n");
+  EXPECT_EQ(
+      Unpacked(CsvFileOf(folder(), file())),
+      "dataset,scene,target,class,from_time,to_time,windows,action,name,responsibility,"
+      "probability,surprise,peak_time,likeliest,ade,fde,speed,x,y,heading,mid_x,mid_y,end_x,end_y,"
+      "responsibilities\n"
+      "town,\"a \"\"b\"\", c\",7,vehicle,1.500,2.000,2,0,\"left turn, slowing\",0.7500,"
+      "0.125000,2.0794,2.000,1,0.50,1.00,8.00,-12.50,3000000.00,-0.5000,20.00,1.25,"
+      "38.00,-4.50,0:0.7500 1:0.2500\n"
+      "town,d,0,unspecified,0.000,0.000,1,2,stop,0.0000,0.000000,0.0000,0.000,0,0.00,0.00,"
+      "0.00,0.00,0.00,0.0000,0.00,0.00,0.00,0.00,\n");
 }
 
 TEST_F(ShardTagsTest, TheBinaryFileHasTheSameNumbers) {
@@ -185,6 +194,45 @@ TEST_F(ShardTagsTest, AWriterWithoutACommitLeavesNothing) {
   std::ofstream(other / ".town-a.csv.gz.tmp-77") << "of a process that was killed";
   { const auto writer = ShardTagsWriter::Create(other, schema, file()); }
   EXPECT_EQ(std::distance(fs::directory_iterator(other), {}), 1);  // schema.json
+}
+
+// Returns a file without its last four columns, whose head says so.
+std::string OfFormat1(const std::string& bytes, const std::string& schema_sha256) {
+  constexpr size_t kPreamble = 16;
+  uint32_t head_bytes = 0;
+  std::memcpy(&head_bytes, bytes.data() + 8, sizeof head_bytes);
+  TagHead head;
+  EXPECT_TRUE(head.ParseFromString(bytes.substr(kPreamble, head_bytes)));
+  head.set_schema_sha256(schema_sha256);
+  head.mutable_columns()->DeleteSubrange(18, 4);
+  const std::string text = head.SerializeAsString();
+  const auto text_bytes = static_cast<uint32_t>(text.size());
+  const uint32_t crc = kernels::Crc32c(text);
+  std::string old = bytes.substr(0, 8);
+  old.append(reinterpret_cast<const char*>(&text_bytes), sizeof text_bytes);
+  old.append(reinterpret_cast<const char*>(&crc), sizeof crc);
+  old += text;
+  old.resize((old.size() + 7) / 8 * 8, '\0');
+  const size_t columns = (kPreamble + head_bytes + 7) / 8 * 8;
+  // Each of the four has two rows of four bytes.
+  return old + bytes.substr(columns, bytes.size() - columns - 32);
+}
+
+TEST_F(ShardTagsTest, AFileOfTheFormatBeforeIsReadWithZerosForWhatItLacks) {
+  Schema before = schema_;
+  before.content.set_format_version(1);
+  before.sha256 = "of format 1";
+  std::ofstream(TagsFileOf(folder(), file()), std::ios::binary)
+      << OfFormat1(Bytes(), before.sha256);
+  const auto tags = ShardTags::Open(folder(), before, file());
+  ASSERT_TRUE(tags.ok()) << tags.status();
+  for (size_t i = 0; i < kColumns; ++i) {
+    EXPECT_TRUE((*tags)->Verify(static_cast<Column>(i)).ok()) << i;
+  }
+  EXPECT_EQ(ToNumber(Column::kHeading, (*tags)->Value(Column::kHeading, 0)), -0.5);
+  EXPECT_EQ((*tags)->Value(Column::kMidX, 0), 0);
+  EXPECT_EQ((*tags)->Value(Column::kEndY, 1), 0);
+  EXPECT_EQ((*tags)->head().columns(static_cast<int>(Column::kEndY)).most(), 0);
 }
 
 }  // namespace

@@ -6,8 +6,10 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <map>
 #include <set>
 #include <string>
+#include <vector>
 
 #include "model/files/durable_file.h"
 #include "tests/unit/model/tags/tags_for_tests.h"
@@ -111,8 +113,8 @@ TEST_F(TagQueryTest, AShardThatCannotMatchIsNotRead) {
   // The damage is in a shard whose head says that it has no such action, and none that far west.
   const auto file = folder_.path() / "tags/town-b.tags";
   std::string bytes = *files::ReadFile(file);
-  // The columns of two rows take 192 bytes, after the header.
-  for (size_t i = bytes.size() - 184; i < bytes.size(); ++i) bytes[i] ^= 1;
+  // The columns of two rows take 224 bytes, after the header.
+  for (size_t i = bytes.size() - 216; i < bytes.size(); ++i) bytes[i] ^= 1;
   WriteBytes(file, bytes);
   const TagSet damaged = *TagSet::Open({folder_.path() / "tags"});
   TagQuery query;
@@ -133,6 +135,56 @@ TEST_F(TagQueryTest, RefusesAnUnknownActionAndListsTheKnownOnes) {
   const absl::Status status = Find(set_, query).status();
   EXPECT_TRUE(absl::IsInvalidArgument(status));
   EXPECT_THAT(std::string(status.message()), HasSubstr("keep speed; left turn, slowing; stop"));
+}
+
+// Returns which of these rows remain without near-duplicates. Each is of another target.
+std::vector<int64_t> Distinct(std::vector<std::map<Column, double>> numbers) {
+  TemporaryFolder folder;
+  const Schema schema = *PrepareTagFolder(folder.path() / "tags", SmallSchema());
+  std::vector<CsvRow> rows;
+  std::vector<Match> matches;
+  for (size_t i = 0; i < numbers.size(); ++i) {
+    numbers[i].emplace(Column::kTarget, static_cast<double>(i));
+    rows.push_back(RowWith(numbers[i]));
+    matches.push_back({.row = i});
+  }
+  WriteTags(folder.path() / "tags", schema, schema.content.files(0), {{"s", rows}});
+  const TagSet set = *TagSet::Open({folder.path() / "tags"});
+  std::vector<int64_t> left;
+  for (const Match& match : WithoutNearDuplicates(set, matches, 10)) {
+    left.push_back(static_cast<int64_t>(match.row));
+  }
+  return left;
+}
+
+TEST(NearDuplicatesTest, RowsAreAlikeOnlyInPlaceAndLatent) {
+  const std::map<Column, double> row = {
+      {Column::kX, 10.0},    {Column::kY, 5.0},    {Column::kHeading, 3.1}, {Column::kSpeed, 8.0},
+      {Column::kMidX, 18.0}, {Column::kMidY, 2.0}, {Column::kEndX, 30.0},   {Column::kEndY, 12.0}};
+  // How far each number may be from that of a near-duplicate.
+  const std::map<Column, double> room = {
+      {Column::kX, 10.0},   {Column::kY, 10.0},   {Column::kHeading, 0.52}, {Column::kSpeed, 2.0},
+      {Column::kMidX, 2.5}, {Column::kMidY, 2.5}, {Column::kEndX, 5.0},     {Column::kEndY, 5.0}};
+  for (const auto& [column, most] : room) {
+    SCOPED_TRACE(SpecOf(column).name);
+    std::map<Column, double> near = row;
+    near[column] -= 0.99 * most;
+    EXPECT_THAT(Distinct({row, near}), ElementsAre(0));
+    std::map<Column, double> far = row;
+    far[column] -= 1.02 * most;
+    EXPECT_THAT(Distinct({row, far}), ElementsAre(0, 1));
+  }
+  std::map<Column, double> turned = row;
+  turned[Column::kHeading] = -3.1;  // beyond pi
+  EXPECT_THAT(Distinct({row, turned}), ElementsAre(0));
+  std::map<Column, double> other = row;
+  other[Column::kAction] = 1;
+  EXPECT_THAT(Distinct({row, other}), ElementsAre(0, 1));
+}
+
+TEST(NearDuplicatesTest, ATargetIsThereOnce) {
+  EXPECT_THAT(Distinct({{{Column::kTarget, 7.0}}, {{Column::kTarget, 7.0}, {Column::kX, 500.0}}}),
+              ElementsAre(0));
 }
 
 }  // namespace

@@ -4,15 +4,20 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <memory>
+#include <span>
 #include <string>
 #include <tuple>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "model/data/example_index.h"
 #include "model/data/town/synthetic_town.h"
 #include "model/evaluation/evaluator.h"
+#include "model/scene/road_map.h"
+#include "model/scene/scene_reader.h"
 #include "model/tags/tag_datasets.h"
 #include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/model/inference/reference_model.h"
@@ -103,6 +108,39 @@ TEST(TaggerTest, AWindowHasWhatTheEvaluatorMeasures) {
     EXPECT_EQ(row.responsibilities, text);
   }
   EXPECT_GT(classes, 0) << "all windows have one action: the test shows little";
+}
+
+// A description decodes the latent together with points around it.
+TEST(TaggerTest, ARowHasTwoPointsOfTheMeanThatAnAnswerDescribes) {
+  const auto model = SmallModel();
+  const v1::Scenario recording = TownRecording();
+  const v1::ExampleSettings settings = TaggingExamples(model->manifest(), 0.7);
+  const std::vector<CsvRow> rows = Tagger(model, {settings, /*merged=*/false}).Tag(recording);
+  const auto session = model->NewSession();
+  scene::SceneReader reader(model->spec());
+  scene::SceneInputs inputs = reader.NewInputs();
+  const scene::RoadMap map = scene::RoadMap::Over(recording.map_features());
+  std::vector<data::Example> examples =
+      data::EnumerateExamples(recording, 0, model->spec(), settings);
+  std::ranges::stable_sort(examples, {}, &data::Example::target_id);
+  ASSERT_EQ(rows.size(), examples.size());
+  for (size_t i = 0; i < rows.size(); ++i) {
+    const CsvRow& row = rows[i];
+    const data::Example& example = examples[i];
+    const auto number = [&](Column column) { return ToNumber(column, row.row[column]); };
+    reader.Read(recording, map, example.time, example.target_id, example.X_WT, &inputs);
+    inference::SceneEncoding encoding;
+    session->Encode(std::array{inference::InputOf(inputs)}, std::span(&encoding, 1));
+    const int action = static_cast<int>(row.row[Column::kAction]);
+    const auto described =
+        session->Describe(encoding, std::array{action}, inference::LatentSource::kPosterior);
+    const auto mean = described[0].mean();
+    const Eigen::Index middle = (mean.rows() - 1) / 2;
+    EXPECT_NEAR(number(Column::kMidX), mean(middle, 0), 5.1e-3);
+    EXPECT_NEAR(number(Column::kMidY), mean(middle, 1), 5.1e-3);
+    EXPECT_NEAR(number(Column::kEndX), mean(mean.rows() - 1, 0), 5.1e-3);
+    EXPECT_NEAR(number(Column::kEndY), mean(mean.rows() - 1, 1), 5.1e-3);
+  }
 }
 
 TEST(TaggerTest, ARecordingHasTheSameRowsAfterOthers) {

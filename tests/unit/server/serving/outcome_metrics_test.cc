@@ -42,6 +42,7 @@ ScoredOutcome Outcome(double value, const Eigen::Vector3d& probabilities) {
   ScoredOutcome outcome;
   outcome.metrics.fill(value);
   outcome.measurement.probabilities = probabilities;
+  outcome.measurement.responsibilities = probabilities;
   outcome.speed_stratum = "5-10 m/s";
   return outcome;
 }
@@ -92,6 +93,24 @@ TEST_F(OutcomeMetricsTest, ShowsSharesOfActionsAndCoverageBesideThoseOfTheTraini
         R"(maneuver_outcome_expected_coverage_ratio{model_version="town/3",sigma="2"} 0.8)"}) {
     EXPECT_THAT(page, HasSubstr(line));
   }
+}
+
+TEST_F(OutcomeMetricsTest, ShowsHowOftenTheLikeliestActionWasTakenByItsProbability) {
+  const ServedModel model = Model(3);
+  ScoredOutcome outcome = Outcome(0.5, {0.75, 0.25, 0.0});
+  outcome.measurement.responsibilities = Eigen::Vector3d(0.5, 0.25, 0.25);
+  metrics_.Observe(model, outcome);
+  outcome.measurement.responsibilities = Eigen::Vector3d(0.0, 1.0, 0.0);
+  metrics_.Observe(model, outcome);
+  metrics_.Observe(model, Outcome(0.25, {0.0, 0.0, 1.0}));
+  const std::string page = Page();
+  const std::string seven = R"({model_version="town/3",probability="0.7"} )";
+  EXPECT_THAT(page, HasSubstr("maneuver_outcome_likeliest_total" + seven + "2\n"));
+  EXPECT_THAT(page, HasSubstr("maneuver_outcome_likeliest_probability_total" + seven + "1.5\n"));
+  EXPECT_THAT(page, HasSubstr("maneuver_outcome_likeliest_responsibility_total" + seven + "0.5\n"));
+  EXPECT_THAT(
+      page,
+      HasSubstr(R"(maneuver_outcome_likeliest_total{model_version="town/3",probability="0.9"} 1)"));
 }
 
 TEST_F(OutcomeMetricsTest, LateVersionsShareOneLabel) {

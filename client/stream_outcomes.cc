@@ -1,0 +1,207 @@
+#include <chrono>
+#include <deque>
+#include <memory>
+#include <thread>
+#include <utility>
+
+#include "absl/base/thread_annotations.h"
+#include "absl/time/clock.h"
+#include "client/client.h"
+#include "client/connection.h"
+#include "client/request_id.h"
+#include "locks/mutex.h"
+
+namespace maneuver::client {
+namespace {
+
+constexpr size_t kMostUnanswered = 4;
+
+class GrpcOutcomeStream final : public OutcomeStream {
+ public:
+  GrpcOutcomeStream(Connection& connection, OnAnswer on_answer, const CallOptions& call)
+      : connection_(connection),
+        on_answer_(std::move(on_answer)),
+        cancellation_(call.cancellation),
+        answer_timeout_(call.timeout.value_or(connection.options.deadlines.management)) {}
+
+  ~GrpcOutcomeStream() override {
+    if (open_ == nullptr) return;
+    open_->context.TryCancel();
+    Close().IgnoreError();
+  }
+
+  absl::Status Send(v1::ReportOutcomesRequest report) override {
+    if (finished_) return absl::FailedPreconditionError("the stream is finished; open another");
+    if (!end_.ok()) return end_;
+    unanswered_.push_back(WithRequestId(std::move(report)));
+    if (open_ == nullptr) Open();
+    Write(unanswered_.back());
+    return AwaitAnswers(kMostUnanswered - 1);
+  }
+
+  absl::Status Finish() override {
+    if (finished_ || !end_.ok()) return end_;
+    if (absl::Status status = AwaitAnswers(0); !status.ok()) return status;
+    if (open_ != nullptr) {
+      open_->stream->WritesDone();
+      // Each report was answered, however this ends.
+      Close().IgnoreError();
+    }
+    finished_ = true;
+    return absl::OkStatus();
+  }
+
+ private:
+  using Stream = grpc::ClientReaderWriter<v1::StreamOutcomesRequest, v1::StreamOutcomesResponse>;
+
+  // One stream to a server, and the thread that reads it.
+  struct OpenCall {
+    explicit OpenCall(Cancellation* cancellation)
+        : registration(cancellation, [this] { context.TryCancel(); }) {}
+    grpc::ClientContext context;
+    const Cancellation::Registration registration;
+    std::unique_ptr<Stream> stream;
+    std::thread reader;
+  };
+
+  void Open() {
+    open_ = std::make_unique<OpenCall>(cancellation_);
+    connection_.Introduce(open_->context);
+    open_->stream = connection_.outcomes->StreamOutcomes(&open_->context);
+    {
+      const MutexLock lock(mutex_);
+      broken_ = false;
+    }
+    open_->reader = std::thread([this, &stream = *open_->stream] {
+      v1::StreamOutcomesResponse answer;
+      while (stream.Read(&answer)) {
+        const MutexLock lock(mutex_);
+        answers_.push_back(std::move(answer));
+        changed_.NotifyAll();
+      }
+      const MutexLock lock(mutex_);
+      broken_ = true;
+      changed_.NotifyAll();
+    });
+  }
+
+  // A failure shows when answers are awaited.
+  bool Write(const v1::ReportOutcomesRequest& report) {
+    v1::StreamOutcomesRequest message;
+    *message.mutable_report() = report;
+    return open_->stream->Write(message);
+  }
+
+  // Returns how a stream ended that is broken, or whose writes are done.
+  absl::Status Close() {
+    open_->reader.join();
+    absl::Status status = ToRetriable(open_->stream->Finish(), cancellation_);
+    open_ = nullptr;
+    return status;
+  }
+
+  // Delivers answers until at most `most` reports have none.
+  absl::Status AwaitAnswers(size_t most) {
+    while (true) {
+      Deliver();
+      if (unanswered_.size() <= most) return absl::OkStatus();
+      end_ = AwaitAnswer();
+      if (end_.ok() && HasAnswer()) continue;
+      if (end_.ok()) end_ = Resume();
+      if (!end_.ok()) return end_;
+    }
+  }
+
+  void Deliver() {
+    std::deque<v1::StreamOutcomesResponse> answers;
+    {
+      const MutexLock lock(mutex_);
+      answers.swap(answers_);
+    }
+    for (v1::StreamOutcomesResponse& answer : answers) {
+      if (unanswered_.empty()) return;
+      const v1::ReportOutcomesRequest report = std::move(unanswered_.front());
+      unanswered_.pop_front();
+      answered_ = true;
+      if (!on_answer_) continue;
+      if (answer.has_error()) {
+        const v1::Status& error = answer.error();
+        on_answer_(report,
+                   StatusFromWire(error.code(), error.message(), error.SerializeAsString()));
+      } else {
+        on_answer_(report, std::move(*answer.mutable_response()));
+      }
+    }
+  }
+
+  // Waits until there is an answer or the stream is broken. DEADLINE_EXCEEDED if that takes too
+  // long.
+  absl::Status AwaitAnswer() {
+    const auto give_up =
+        std::chrono::steady_clock::now() + absl::ToChronoNanoseconds(answer_timeout_);
+    {
+      const MutexLock lock(mutex_);
+      while (answers_.empty() && !broken_) {
+        if (!changed_.WaitUntil(mutex_, give_up)) break;
+      }
+      if (!answers_.empty() || broken_) return absl::OkStatus();
+    }
+    open_->context.TryCancel();
+    Close().IgnoreError();
+    return absl::DeadlineExceededError("the server did not answer a report in time");
+  }
+
+  bool HasAnswer() {
+    const MutexLock lock(mutex_);
+    return !answers_.empty();
+  }
+
+  // Closes a broken stream, and opens others until one has an answer.
+  absl::Status Resume() {
+    const ClientOptions& options = connection_.options;
+    RetryPolicy policy = options.retry;
+    absl::Time give_up = absl::InfiniteFuture();
+    if (answered_) {
+      policy.max_attempts = 1'000'000;
+      give_up = absl::Now() + options.upload_patience;
+    }
+    return RetryUnavailable(policy, give_up, cancellation_, options.on_retry, [this] {
+      if (open_ == nullptr) {
+        Open();
+        for (const v1::ReportOutcomesRequest& report : unanswered_) {
+          if (!Write(report)) break;
+        }
+        if (absl::Status status = AwaitAnswer(); !status.ok()) return status;
+        if (HasAnswer()) return absl::OkStatus();
+      }
+      absl::Status status = Close();
+      return status.ok() ? absl::UnavailableError("the server ended the stream") : status;
+    });
+  }
+
+  Connection& connection_;
+  const OnAnswer on_answer_;
+  Cancellation* const cancellation_;
+  const absl::Duration answer_timeout_;
+
+  // Used by the caller's thread alone.
+  std::unique_ptr<OpenCall> open_;
+  std::deque<v1::ReportOutcomesRequest> unanswered_;  // in the order in which they were sent
+  bool answered_ = false;                             // at least one report
+  absl::Status end_;                                  // not OK: the stream has failed
+  bool finished_ = false;
+
+  Mutex mutex_;
+  CondVar changed_;
+  std::deque<v1::StreamOutcomesResponse> answers_ ABSL_GUARDED_BY(mutex_);  // not delivered yet
+  bool broken_ ABSL_GUARDED_BY(mutex_) = false;
+};
+
+}  // namespace
+
+std::unique_ptr<OutcomeStream> Client::StreamOutcomes(OutcomeStream::OnAnswer on_answer,
+                                                      const CallOptions& call) {
+  return std::make_unique<GrpcOutcomeStream>(*connection_, std::move(on_answer), call);
+}
+
+}  // namespace maneuver::client
