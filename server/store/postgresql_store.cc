@@ -338,6 +338,7 @@ class SessionStore final : public PostgresqlStore,
               {ArrayOf(names)}});
     if (!rows.ok()) return rows.status();
     std::vector<jobs::JobPosition> positions;
+    positions.reserve(static_cast<size_t>(rows->count()));
     for (int row = 0; row < rows->count(); ++row) {
       positions.push_back(
           {rows->Bytes(row, 0), static_cast<v1::JobState>(rows->Int(row, 1)), rows->Int(row, 2)});

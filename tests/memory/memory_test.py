@@ -2,11 +2,10 @@
 """A server in a control group of 512 MB gets three times the load that fits, in bytes and in calls, and is never ended by
 the system.
 
-In bytes: callers hold answers that they do not read, and send large scenes, maps and uploads, again and again. What is
-on its way or held at any moment is three times the limit. In calls: `maneuver load` makes three times the calls a
-second that the server answered before, and a thousand watches are open. The server refuses what it has no room for,
-with a reason. A planner who asks for little is answered before, during the load at least at times, and at once after
-it.
+Bytes: callers keep answers unread, and send large scenes, maps and uploads again and again. Together they hold or send
+three times the limit at any moment. Calls: `maneuver load` first measures how many calls a second the server answers,
+then sends three times as many. A thousand watches stay open. The server must refuse what does not fit, and give a
+reason. A planner with small requests must get answers before the load, some during it, and all after it.
 
 Ends with status 77, and says so, where no control group can be made.
 """

@@ -9,7 +9,6 @@ namespace {
 
 constexpr double kAheadStep = 2.0;  // metres
 constexpr double kReverseSpeed = 1.7;
-constexpr double kSlowing = 1.3;  // metres per second squared, towards a curve
 
 // Returns the smoothest step from 0 to 1 (quintic: no slope or curvature at either end), and its
 // slope.
