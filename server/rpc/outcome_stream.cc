@@ -12,7 +12,7 @@
 namespace maneuver::rpc {
 namespace {
 
-constexpr char kMethod[] = "/maneuver.v1.OutcomeService/StreamOutcomes";
+constexpr char kStreamMethod[] = "/maneuver.v1.OutcomeService/StreamOutcomes";
 
 v1::StreamOutcomesResponse ErrorAnswer(const absl::Status& status) {
   v1::StreamOutcomesResponse answer;
@@ -28,7 +28,7 @@ OutcomeStream* OutcomeStream::Open(OutcomeScorer& scorer, OpenStreams& streams,
   OutcomeStream* const opened = stream.get();
   if (!streams.Add(stream)) opened->Drain();
   opened->admission_ =
-      scorer.access().Watch(kMethod, opened->caller_,
+      scorer.access().Watch(kStreamMethod, opened->caller_,
                             [opened](const absl::Status& refusal) { opened->OnRefused(refusal); });
   opened->ReadOn();
   return opened;
@@ -71,7 +71,7 @@ void OutcomeStream::ScoreReport() {
   v1::StreamOutcomesResponse answer;
   {
     v1::StreamOutcomesRequest request;
-    absl::Status status = scorer_.access().Admit(kMethod, caller_);
+    absl::Status status = scorer_.access().Admit(kStreamMethod, caller_);
     if (status.ok() &&
         !grpc::SerializationTraits<v1::StreamOutcomesRequest>::Deserialize(&message_, &request)
              .ok()) {

@@ -542,13 +542,13 @@ class SessionStore final : public PostgresqlStore,
     return live;
   }
 
-  absl::StatusOr<std::vector<std::pair<JobNeeds, int64_t>>> CountPendingNeeds() override {
+  absl::StatusOr<std::vector<std::pair<jobs::JobNeeds, int64_t>>> CountPendingNeeds() override {
     const auto rows =
         Read({"SELECT device, ranks, memory, count(*) FROM jobs WHERE state = $1"
               " GROUP BY device, ranks, memory",
               {v1::JOB_STATE_PENDING}});
     if (!rows.ok()) return rows.status();
-    std::vector<std::pair<JobNeeds, int64_t>> needs;
+    std::vector<std::pair<jobs::JobNeeds, int64_t>> needs;
     for (int row = 0; row < rows->count(); ++row) {
       needs.push_back(
           {{rows->Bytes(row, 0), rows->Int(row, 1), rows->Int(row, 2)}, rows->Int(row, 3)});

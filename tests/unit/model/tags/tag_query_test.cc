@@ -146,7 +146,7 @@ std::vector<int64_t> Distinct(std::vector<std::map<Column, double>> numbers) {
   for (size_t i = 0; i < numbers.size(); ++i) {
     numbers[i].emplace(Column::kTarget, static_cast<double>(i));
     rows.push_back(RowWith(numbers[i]));
-    matches.push_back({.row = i});
+    matches.emplace_back().row = i;
   }
   WriteTags(folder.path() / "tags", schema, schema.content.files(0), {{"s", rows}});
   const TagSet set = *TagSet::Open({folder.path() / "tags"});

@@ -488,7 +488,7 @@ TEST_F(ServerTest, WithoutRoomRefusesCallsOfEachKindButThoseThatRemoveSomething)
       grpc::StatusCode::UNAUTHENTICATED);
   EXPECT_EQ(asked, 0);
 
-  const auto call = [&](const char* method) {
+  const auto status_of = [&](const char* method) {
     grpc::ClientContext context;
     context.AddMetadata("authorization", "Bearer secret");
     grpc::CompletionQueue queue;
@@ -513,11 +513,11 @@ TEST_F(ServerTest, WithoutRoomRefusesCallsOfEachKindButThoseThatRemoveSomething)
        {"PredictionService/Predict", "PredictionService/StreamPredict",
         "PredictionService/RegisterMap", "ModelService/ListModelVersions",
         "ModelService/DownloadModelVersion", "ModelService/UploadModelVersion"}) {
-    EXPECT_EQ(Reason(call(method)), "MEMORY_FULL") << method;
+    EXPECT_EQ(Reason(status_of(method)), "MEMORY_FULL") << method;
   }
   EXPECT_EQ(asked, 6);
   for (const char* method : {"ModelService/DeleteModelVersion", "ModelService/DeleteModelAlias"}) {
-    EXPECT_EQ(call(method).error_code(), grpc::StatusCode::INVALID_ARGUMENT) << method;
+    EXPECT_EQ(status_of(method).error_code(), grpc::StatusCode::INVALID_ARGUMENT) << method;
   }
   EXPECT_EQ(asked, 6);
 }
