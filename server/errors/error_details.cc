@@ -83,9 +83,9 @@ std::string ReasonOf(const absl::Status& status) {
 absl::Status WithFolderReason(absl::Status status, std::string_view folder) {
   if (!files::IsFileSystemFailure(status) || !ReasonOf(status).empty()) return status;
   const std::string name(folder);
-  absl::Status away = absl::UnavailableError(
-      absl::StrCat("the server cannot use its folder ", name, ": ", status.message(),
-                   "; try again once it is back"));
+  absl::Status away =
+      absl::UnavailableError(absl::StrCat("the server cannot use its folder ", name, ": ",
+                                          status.message(), "; try again once it is back"));
   return WithRetryDelay(WithReason(std::move(away), "FOLDER_UNAVAILABLE", {{"folder", name}}),
                         kFolderRetryDelay);
 }

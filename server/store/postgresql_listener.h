@@ -9,9 +9,9 @@
 
 #include "absl/status/status.h"
 #include "locks/stop_latch.h"
+#include "server/monitoring/metrics.h"
 #include "server/store/postgresql_connection.h"
 #include "server/store/store.h"
-#include "server/monitoring/metrics.h"
 
 namespace maneuver::store {
 
