@@ -37,11 +37,11 @@ def stream_reports(connection: Connection, reports: Iterator[v1.ReportOutcomesRe
         try:
             while True:
                 while len(unanswered) < MOST_UNANSWERED:
-                    report = next(reports, None)
-                    if report is None:
+                    following = next(reports, None)
+                    if following is None:
                         break
-                    unanswered.append(report)
-                    outgoing.put(v1.StreamOutcomesRequest(report=report))
+                    unanswered.append(following)
+                    outgoing.put(v1.StreamOutcomesRequest(report=following))
                 if not unanswered:
                     return
                 try:
