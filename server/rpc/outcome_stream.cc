@@ -75,6 +75,7 @@ void OutcomeStream::ScoreReport() {
     if (status.ok() &&
         !grpc::SerializationTraits<v1::StreamOutcomesRequest>::Deserialize(&message_, &request)
              .ok()) {
+      request.Clear();  // its request_id may be no UTF-8, which an answer cannot hold
       status = errors::InvalidField("report", "these bytes are not a StreamOutcomesRequest");
     }
     if (status.ok()) status = scorer_.Admit(caller_, request.report());

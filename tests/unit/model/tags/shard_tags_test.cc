@@ -222,8 +222,8 @@ TEST_F(ShardTagsTest, AFileOfTheFormatBeforeIsReadWithZerosForWhatItLacks) {
   Schema before = schema_;
   before.content.set_format_version(1);
   before.sha256 = "of format 1";
-  std::ofstream(TagsFileOf(folder(), file()), std::ios::binary)
-      << OfFormat1(Bytes(), before.sha256);
+  const std::string bytes = OfFormat1(Bytes(), before.sha256);
+  std::ofstream(TagsFileOf(folder(), file()), std::ios::binary) << bytes;
   const auto tags = ShardTags::Open(folder(), before, file());
   ASSERT_TRUE(tags.ok()) << tags.status();
   for (size_t i = 0; i < kColumns; ++i) {
