@@ -51,7 +51,7 @@ if(CCACHE_PROGRAM AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
   # another folder compiles nothing again.
   set(CMAKE_CXX_COMPILER_LAUNCHER "${CMAKE_COMMAND}" -E env
     CCACHE_SLOPPINESS=pch_defines,time_macros "CCACHE_BASEDIR=${CMAKE_SOURCE_DIR}"
-    CCACHE_NOHASHDIR=true "${CCACHE_PROGRAM}")
+    CCACHE_NOHASHDIR=true "${CMAKE_SOURCE_DIR}/cmake/ccache.sh" "${CCACHE_PROGRAM}")
 endif()
 find_program(LLD_PROGRAM ld.lld)
 if(LLD_PROGRAM)
