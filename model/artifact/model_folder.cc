@@ -55,15 +55,14 @@ absl::StatusOr<std::string> ManifestToJson(v1::ModelManifest manifest) {
   return files::Seal(json);
 }
 
-// A missing file in an existing folder is damage, not absence.
+// A missing file in an existing folder is damage, not absence. A file system that fails says of no
+// folder that it is missing.
 absl::StatusOr<std::string> ReadPart(const fs::path& folder, const char* file) {
+  absl::StatusOr<std::string> content = files::ReadFile(folder / file);
+  if (!absl::IsNotFound(content.status())) return content;
   std::error_code ignored;
   if (!fs::is_directory(folder, ignored)) return absl::NotFoundError("there is no such model");
-  absl::StatusOr<std::string> content = files::ReadFile(folder / file);
-  if (absl::IsNotFound(content.status())) {
-    return absl::DataLossError(absl::StrCat(file, " is missing"));
-  }
-  return content;
+  return absl::DataLossError(absl::StrCat(file, " is missing"));
 }
 
 absl::Status WriteParts(const fs::path& folder, const std::string& json,
