@@ -257,6 +257,21 @@ TEST(CommandErrorsTest, ServerMessagesNameCommandsInsteadOfMethods) {
             "promote, or remove it with maneuver model unalias\n");
 }
 
+TEST(CommandErrorsTest, SaysWhatIsWrongWithASceneWrittenByHand) {
+  const auto error = [](const std::string& scene) {
+    return Maneuver({"--server", kNobody, "predict", "-"}, scene).err;
+  };
+  EXPECT_THAT(error(R"({"agents": [{"type": "car"}]})"),
+              AllOf(HasSubstr("invalid value \"car\""),
+                    HasSubstr("; the values are AGENT_TYPE_VEHICLE, AGENT_TYPE_PEDESTRIAN")));
+  EXPECT_EQ(error("[]"),
+            "maneuver: standard input is not a Scenario in proto3 JSON: Root element must be a "
+            "message.\n");
+  const TemporaryFolder folder;
+  EXPECT_EQ(Maneuver({"--server", kNobody, "predict", folder.path().string()}).err,
+            "maneuver: cannot read " + folder.path().string() + ": it is a folder\n");
+}
+
 TEST(CommandErrorsTest, NamesEveryActionThatIsGone) {
   client::TestServer server;
   server.on_predict = [](auto*, const auto&, auto*) {
