@@ -89,9 +89,10 @@ std::vector<std::string> NameActions(const v1::ModelManifest& manifest,
   std::vector<std::string> names(phrases.size());
   for (auto& [words, equal] : by_words) {
     // Actions that are in use get the short names, whatever the others do.
-    const auto others = std::ranges::stable_partition(
-        equal, [&](size_t k) { return manifest.actions(static_cast<int>(k)).effective(); });
-    const std::span<const size_t> groups[] = {{equal.begin(), others.begin()}, others};
+    const auto others = std::stable_partition(equal.begin(), equal.end(), [&](size_t k) {
+      return manifest.actions(static_cast<int>(k)).effective();
+    });
+    const std::span<const size_t> groups[] = {{equal.begin(), others}, {others, equal.end()}};
     std::set<std::string> taken;
     for (const std::span<const size_t> group : groups) {
       std::vector<const ActionPhrase*> alike;
