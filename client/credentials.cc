@@ -1,9 +1,15 @@
 #include "client/credentials.h"
 
 #include <arpa/inet.h>
+#include <openssl/bio.h>
+#include <openssl/err.h>
+#include <openssl/evp.h>
+#include <openssl/pem.h>
+#include <openssl/x509.h>
 
 #include <algorithm>
 #include <fstream>
+#include <memory>
 #include <sstream>
 #include <utility>
 
@@ -55,6 +61,41 @@ absl::StatusOr<std::string> ReadPem(const std::string& file, std::string_view ki
                    wants_key ? "not a private key" : "not a certificate"));
 }
 
+using BioPtr = std::unique_ptr<BIO, decltype(&BIO_free_all)>;
+
+BioPtr Open(const std::string& pem) {
+  return {BIO_new_mem_buf(pem.data(), static_cast<int>(pem.size())), BIO_free_all};
+}
+
+// Returns no passphrase: gRPC has no way to ask for one.
+int NoPassphrase(char*, int, int, void*) { return 0; }
+
+// Checks a client certificate and its key, both PEM. With a wrong pair gRPC says only that it has
+// no address to connect to.
+absl::Status CheckPair(const TlsOptions& tls, const std::string& certificate_pem,
+                       const std::string& key_pem) {
+  const std::unique_ptr<X509, decltype(&X509_free)> certificate(
+      PEM_read_bio_X509(Open(certificate_pem).get(), nullptr, nullptr, nullptr), X509_free);
+  const std::unique_ptr<EVP_PKEY, decltype(&EVP_PKEY_free)> key(
+      PEM_read_bio_PrivateKey(Open(key_pem).get(), nullptr, NoPassphrase, nullptr), EVP_PKEY_free);
+  const bool fits = certificate != nullptr && key != nullptr &&
+                    X509_check_private_key(certificate.get(), key.get()) == 1;
+  ERR_clear_error();
+  if (certificate == nullptr) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("the certificate in ", tls.certificate, " is damaged"));
+  }
+  if (key == nullptr) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("the key in ", tls.key, " is damaged, or has a passphrase"));
+  }
+  if (!fits) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(tls.key, " is not the key of the certificate in ", tls.certificate));
+  }
+  return absl::OkStatus();
+}
+
 absl::StatusOr<std::shared_ptr<grpc::ChannelCredentials>> SecureChannel(const TlsOptions& tls) {
   if (tls.certificate.empty() != tls.key.empty()) {
     return absl::InvalidArgumentError("a client certificate and its key need one another");
@@ -65,6 +106,9 @@ absl::StatusOr<std::shared_ptr<grpc::ChannelCredentials>> SecureChannel(const Tl
   if (!certificate.ok()) return certificate.status();
   auto key = ReadPem(tls.key, kPrivateKey);
   if (!key.ok()) return key.status();
+  if (!tls.certificate.empty()) {
+    if (auto status = CheckPair(tls, *certificate, *key); !status.ok()) return status;
+  }
   return grpc::SslCredentials({*std::move(roots), *std::move(key), *std::move(certificate)});
 }
 

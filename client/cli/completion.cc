@@ -10,6 +10,10 @@
 namespace maneuver::cli {
 namespace {
 
+// `help` takes a command, so it is none of them.
+constexpr char kHelp[] = "help";
+constexpr char kAboutHelp[] = "Describe a command";
+
 // One word of bash or zsh, whatever it holds.
 std::string Quoted(const std::string& text) {
   return absl::StrCat("'", absl::StrReplaceAll(text, {{"'", "'\\''"}}), "'");
@@ -90,6 +94,7 @@ std::string BashCompletion(const CommandEntry& root) {
   ForEach(root, [&](const CommandEntry& command) {
     std::vector<std::string> names;
     for (const CommandEntry& below : command.commands) names.push_back(below.name());
+    if (&command == &root) names.emplace_back(kHelp);
     absl::StrAppend(&words, "    (", Quoted(command.path),
                     ") commands=", Quoted(absl::StrJoin(names, " ")),
                     " options=", Quoted(absl::StrJoin(FlagsAt(root, command), " ")), " ;;\n");
@@ -138,6 +143,7 @@ std::string ZshCompletion(const CommandEntry& root) {
     for (const CommandEntry& below : command.commands) {
       names.push_back(describe(below.name(), below.summary));
     }
+    if (&command == &root) names.push_back(describe(kHelp, kAboutHelp));
     std::vector<std::string> flags;
     for (const OptionEntry& option : command.options) {
       for (const std::string& flag : option.flags) flags.push_back(describe(flag, option.help));
@@ -197,6 +203,9 @@ std::string FishCompletion(const CommandEntry& root) {
     for (const CommandEntry& below : command.commands) {
       absl::StrAppend(&rules, condition, " -f -a ", below.name(), " -d ",
                       QuotedForFish(below.summary), "\n");
+    }
+    if (&command == &root) {
+      absl::StrAppend(&rules, condition, " -f -a ", kHelp, " -d ", QuotedForFish(kAboutHelp), "\n");
     }
     for (const OptionEntry& option : command.options) {
       const bool of_program = &command == &root && option.flags.back() != "--help" &&

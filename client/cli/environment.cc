@@ -29,6 +29,7 @@ std::string WithCommands(absl::string_view message) {
                                        {"with SetModelAlias", "with maneuver model promote"},
                                        {"with DeleteModelAlias", "with maneuver model unalias"},
                                        {"name one of them in `model`", "name one with --model"},
+                                       {"required_action_names: ", "--require-name: "},
                                        {"see its actions with GetActionSet",
                                         "maneuver model actions shows those that it has"},
                                        {"register it with RegisterMap and repeat the request",
@@ -51,6 +52,14 @@ ProgressForm Environment::progress_form() const {
   return progress == "auto" && interactive && !quiet ? ProgressForm::kLine : ProgressForm::kNone;
 }
 
+std::optional<client::TlsOptions> Environment::tls_options() const {
+  if (!tls && tls_ca.empty() && tls_certificate.empty() && tls_key.empty() &&
+      tls_server_name.empty()) {
+    return std::nullopt;
+  }
+  return client::TlsOptions{tls_ca, tls_certificate, tls_key, tls_server_name};
+}
+
 client::ClientOptions Environment::client_options() {
   client::ClientOptions options;
   options.address = server;
@@ -60,10 +69,7 @@ client::ClientOptions Environment::client_options() {
       err << failure.message() << "; trying again in " << absl::FormatDuration(wait) << "\n";
     };
   }
-  if (tls || !tls_ca.empty() || !tls_certificate.empty() || !tls_key.empty() ||
-      !tls_server_name.empty()) {
-    options.tls = client::TlsOptions{tls_ca, tls_certificate, tls_key, tls_server_name};
-  }
+  options.tls = tls_options();
   options.token_file = token_file;
   if (token_file.empty()) options.token = token;
   return options;
@@ -146,7 +152,7 @@ std::string Environment::Explain(const absl::Status& status) const {
   std::string text = WithCommands(status.message());
   if (text.empty()) text = absl::StatusCodeToString(status.code());
   const std::string tls_failure =
-      absl::IsUnavailable(status) ? ExplainTlsFailure(text, server, tls_ca) : "";
+      absl::IsUnavailable(status) ? ExplainTlsFailure(text, server, tls_options()) : "";
   if (!tls_failure.empty()) {
     text = tls_failure;
   } else if (absl::IsUnavailable(status) && details.reason.empty()) {
@@ -163,6 +169,10 @@ std::string Environment::Explain(const absl::Status& status) const {
   }
   if (details.retry_delay) {
     absl::StrAppend(&text, "; try again in ", absl::FormatDuration(*details.retry_delay));
+  }
+  // The message has the first.
+  for (size_t i = 1; i < details.missing_action_names.size(); ++i) {
+    absl::StrAppend(&text, "\n  nor \"", details.missing_action_names[i], "\"");
   }
   for (const client::FieldViolation& violation : details.field_violations) {
     const std::string line = absl::StrCat(violation.field, ": ", violation.description);

@@ -82,6 +82,8 @@ class Environment {
  private:
   std::ostream messages_;  // what `err` refers to; discards all output with --quiet
 
+  // How calls are secured; none for plain text.
+  std::optional<client::TlsOptions> tls_options() const;
   void PrintError(const std::string& code, const std::string& reason, const std::string& message);
 
   std::unique_ptr<client::Client> client_;

@@ -1,17 +1,21 @@
 #include "client/cli/json_files.h"
 
 #include <fcntl.h>
+#include <google/protobuf/descriptor.h>
 #include <google/protobuf/util/json_util.h>
 #include <unistd.h>
 
 #include <cerrno>
+#include <filesystem>
 #include <fstream>
 #include <istream>
 #include <sstream>
 #include <string_view>
 #include <system_error>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 
 namespace maneuver::cli {
 namespace {
@@ -20,6 +24,22 @@ namespace {
 absl::Status CannotWrite(const std::string& path, int error) {
   return absl::FailedPreconditionError(
       absl::StrCat("cannot write ", path, ": ", std::generic_category().message(error)));
+}
+
+// Returns the values of the enum that a message of protobuf names, such as "invalid value "car" for
+// type type.googleapis.com/maneuver.v1.AgentType"; empty if it names none.
+std::string ValuesOfEnum(std::string_view message) {
+  constexpr std::string_view kBefore = "type.googleapis.com/";
+  const size_t at = message.find(kBefore);
+  if (at == std::string_view::npos) return "";
+  const auto* type = google::protobuf::DescriptorPool::generated_pool()->FindEnumTypeByName(
+      std::string(message.substr(at + kBefore.size())));
+  if (type == nullptr) return "";
+  std::vector<std::string> values;
+  for (int i = 0; i < type->value_count(); ++i) {
+    if (type->value(i)->number() != 0) values.push_back(type->value(i)->name());
+  }
+  return absl::StrCat("; the values are ", absl::StrJoin(values, ", "));
 }
 
 }  // namespace
@@ -31,6 +51,10 @@ absl::StatusOr<std::string> ReadText(const std::string& path, Environment& envir
   } else {
     errno = 0;
     std::ifstream file(path, std::ios::binary);
+    std::error_code ignored;
+    if (std::filesystem::is_directory(path, ignored)) {
+      return absl::NotFoundError(absl::StrCat("cannot read ", path, ": it is a folder"));
+    }
     if (!file) {
       return absl::NotFoundError(
           absl::StrCat("cannot read ", path, ": ", std::generic_category().message(errno)));
@@ -44,9 +68,11 @@ absl::Status ParseJson(const std::string& text, const std::string& path,
                        google::protobuf::Message* message) {
   const auto status = google::protobuf::util::JsonStringToMessage(text, message);
   if (status.ok()) return absl::OkStatus();
+  std::string_view why(status.message().data(), status.message().size());
+  if (why.starts_with(": ")) why.remove_prefix(2);
   return absl::InvalidArgumentError(absl::StrCat(
       path == "-" ? "standard input" : path, " is not a ", message->GetDescriptor()->name(),
-      " in proto3 JSON: ", std::string(status.message())));
+      " in proto3 JSON: ", std::string(why), ValuesOfEnum(why)));
 }
 
 absl::Status ReadJson(const std::string& path, Environment& environment,

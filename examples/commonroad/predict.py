@@ -166,13 +166,16 @@ def main() -> None:
         sys.exit(str(answer.predictions[0].error))
     targets = {target.target_id: target for target in answer.predictions[0].targets
                if target.error is None and target.action_ids}
+    errors = {target.target_id: target.error for target in answer.predictions[0].targets
+              if target.error is not None}
     agents = {agent.id: agent for agent in scene.agents}
 
     step = float(root.get("timeStepSize", "0.1"))
     for number, obstacle in obstacles.items():
         if number not in targets:
             root.remove(obstacle)
-            print(f"obstacle {number}: not predicted", file=sys.stderr)
+            why = errors.get(number, f"no vehicle that is there at {scene.prediction_time:g} s")
+            print(f"obstacle {number}: not predicted: {why}", file=sys.stderr)
             continue
         predict_obstacle(obstacle, agents[number], targets[number], list(answer.waypoint_times),
                          round(scene.prediction_time / step), step, options.occupancies)

@@ -11,11 +11,16 @@ const proto = process.env.MANEUVER_PROTO ?? fileURLToPath(new URL('../../proto',
 const contract = grpc.loadPackageDefinition(loadSync('maneuver/v1/prediction_service.proto', {
   includeDirs: [proto], keepCase: true, longs: String, enums: String, defaults: true}));
 
+// A scene's JSON may have targetIds as well as target_ids; this loader knows the latter.
+const inSnakeCase = (key, value) => value === null || typeof value !== 'object' || Array.isArray(value) ? value :
+    Object.fromEntries(Object.entries(value).map(
+        ([name, field]) => [name.replace(/[A-Z]/g, (letter) => `_${letter.toLowerCase()}`), field]));
+
 const [, , file, address = '127.0.0.1:8470'] = process.argv;
 const client = new contract.maneuver.v1.PredictionService(
     address, grpc.credentials.createInsecure());
 const request = {
-  scenarios: [JSON.parse(readFileSync(file, 'utf8'))],
+  scenarios: [JSON.parse(readFileSync(file, 'utf8'), inSnakeCase)],
   query: {top_k: 3}, // the three most probable actions
 };
 

@@ -39,24 +39,28 @@ ActionPhrase PhraseOf(const v1::ModelSpec& spec, const v1::Action& action,
 }
 
 // The names of actions of the same words, each with its number, or with its place among them if no
-// number tells them apart.
-std::vector<std::string> TellApart(const std::vector<const ActionPhrase*>& equal) {
+// number tells them apart. None is one of `taken`.
+std::vector<std::string> TellApart(const std::vector<const ActionPhrase*>& equal,
+                                   std::set<std::string> taken) {
   constexpr int kMostDecimals = 2;
   std::vector<std::string> names;
   for (int decimals = 0; decimals <= kMostDecimals; ++decimals) {
     names.clear();
+    std::set<std::string> all = taken;
     // "-0 m/s" says nothing.
     bool all_tell = true;
     for (const ActionPhrase* phrase : equal) {
       names.push_back(phrase->WithNumber(decimals));
       all_tell &= !phrase->with_sign || std::abs(phrase->number) >= 0.5 * std::pow(10.0, -decimals);
+      all_tell &= all.insert(names.back()).second;
     }
-    const std::set<std::string> different(names.begin(), names.end());
-    if (all_tell && different.size() == names.size()) return names;
+    if (all_tell) return names;
   }
   names.clear();
   for (const ActionPhrase* phrase : equal) {
-    names.push_back(absl::StrCat(phrase->words, " (", names.size() + 1, ")"));
+    int place = 1;
+    while (!taken.insert(absl::StrCat(phrase->words, " (", place, ")")).second) ++place;
+    names.push_back(absl::StrCat(phrase->words, " (", place, ")"));
   }
   return names;
 }
@@ -84,23 +88,21 @@ std::vector<std::string> NameActions(const v1::ModelManifest& manifest,
   }
   std::vector<std::string> names(phrases.size());
   for (auto& [words, equal] : by_words) {
-    const bool bare = !phrases[equal.front()].always_number;
-    if (bare && equal.size() == 1) {
-      names[equal.front()] = words;
-      continue;
-    }
-    const auto effective = [&](size_t k) {
+    // Actions that are in use get the short names, whatever the others do.
+    const auto others = std::stable_partition(equal.begin(), equal.end(), [&](size_t k) {
       return manifest.actions(static_cast<int>(k)).effective();
-    };
-    if (bare && std::ranges::count_if(equal, effective) == 1) {
-      const auto only = std::ranges::find_if(equal, effective);
-      names[*only] = words;
-      equal.erase(only);
+    });
+    const std::span<const size_t> groups[] = {{equal.begin(), others}, {others, equal.end()}};
+    std::set<std::string> taken;
+    for (const std::span<const size_t> group : groups) {
+      std::vector<const ActionPhrase*> alike;
+      for (const size_t k : group) alike.push_back(&phrases[k]);
+      const bool is_bare = taken.empty() && group.size() == 1 && !alike[0]->always_number;
+      const std::vector<std::string> apart =
+          is_bare ? std::vector<std::string>{words} : TellApart(alike, taken);
+      for (size_t i = 0; i < group.size(); ++i) names[group[i]] = apart[i];
+      taken.insert(apart.begin(), apart.end());
     }
-    std::vector<const ActionPhrase*> alike;
-    for (const size_t k : equal) alike.push_back(&phrases[k]);
-    const std::vector<std::string> apart = TellApart(alike);
-    for (size_t i = 0; i < equal.size(); ++i) names[equal[i]] = apart[i];
   }
   return names;
 }

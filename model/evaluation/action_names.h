@@ -19,9 +19,10 @@ inline constexpr size_t kLongestDerivedName = 40;  // characters
 //
 // Names are unique and have at most kLongestDerivedName characters. If several actions get the same
 // words, a number is added ("speed up hard, +4 m/s"), with the fewest decimals that tell them
-// apart, at most two; if these do not, " (1)", " (2)" and so on. If exactly one of these actions is
-// effective, it keeps the words alone, unless they say too little (always_number). An action
-// without a mean trajectory is called "action 7". The same input always gives the same names.
+// apart, at most two; if these do not, " (1)", " (2)" and so on. Effective actions are told apart
+// as if there were no others: a single one keeps the words alone, unless they say too little
+// (always_number). An action without a mean trajectory is called "action 7". The same input always
+// gives the same names.
 //   uses: EvaluationReport.action_uses of some examples, [K]; empty if there are none
 std::vector<std::string> NameActions(const v1::ModelManifest& manifest,
                                      std::span<const v1::ActionUse> uses = {});

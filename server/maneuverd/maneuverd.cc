@@ -328,8 +328,11 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
     const auto status = WritePortFile(options.port_file, address, metrics_address);
     if (!status.ok()) return status;
   }
-  std::cout << "listening grpc=" << address
-            << " metrics=" << (metrics_address.empty() ? "none" : metrics_address) << std::endl;
+  // Whoever collects both streams wants nothing but JSON, and the log has the same.
+  if (options.log_format == monitoring::LogFormat::kText) {
+    std::cout << "listening grpc=" << address
+              << " metrics=" << (metrics_address.empty() ? "none" : metrics_address) << std::endl;
+  }
   Log(LogLevel::kInfo, "listening",
       {{"grpc", address}, {"metrics", metrics_address}, {"kernels", kernels::KernelTarget()}});
   manager.TellReady([&server] { return (*server)->IsAlive(); });

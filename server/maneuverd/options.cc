@@ -9,12 +9,14 @@
 #include <iostream>
 #include <map>
 #include <string>
+#include <string_view>
 #include <type_traits>
 #include <utility>
 #include <vector>
 
 #include "absl/status/statusor.h"
 #include "absl/strings/ascii.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "model/machine/usable_cores.h"
@@ -70,6 +72,30 @@ bool AsksForHelp(const std::vector<std::string>& arguments) {
   return std::ranges::any_of(arguments, [](const std::string& argument) {
     return argument == "--help" || argument == "-h" || argument == "--version";
   });
+}
+
+bool AsksForJson(const std::vector<std::string>& line) {
+  constexpr std::string_view kOption = "--log-format";
+  bool json = false;
+  for (size_t i = 0; i < line.size(); ++i) {
+    if (line[i] == kOption && i + 1 < line.size()) json = line[i + 1] == "json";
+    if (absl::StartsWith(line[i], "--log-format=")) json = line[i].ends_with("=json");
+  }
+  return json;
+}
+
+// Says what is wrong with the options, as `line` wants its log: text, or a line of JSON. Returns
+// the exit status.
+//   hint: follows the error in text alone.
+int RefuseOptions(const std::vector<std::string>& line, const std::string& error,
+                  std::string_view hint = "") {
+  if (AsksForJson(line)) {
+    monitoring::ConfigureLogging(monitoring::LogFormat::kJson, monitoring::LogLevel::kInfo);
+    Log(monitoring::LogLevel::kError, "cannot serve", {{"reason", error}});
+  } else {
+    std::cerr << "maneuverd: " << error << hint << "\n";
+  }
+  return kUsageError;
 }
 
 struct SecurityFlags {
@@ -395,18 +421,15 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
   const auto configuration =
       Configuration::Read(app, arguments, only_asks ? &no_environment : environment);
   if (!configuration.ok()) {
-    std::cerr << "maneuverd: " << configuration.status().message() << "\n";
-    return kUsageError;
+    return RefuseOptions(arguments, std::string(configuration.status().message()));
   }
+  const std::vector<std::string> line = configuration->CommandLine();
   try {
-    std::vector<std::string> line = configuration->CommandLine();
-    std::ranges::reverse(line);  // as CLI11 wants it
-    app.parse(std::move(line));
+    app.parse(std::vector<std::string>(line.rbegin(), line.rend()));  // as CLI11 wants it
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == static_cast<int>(CLI::ExitCodes::Success)) return app.exit(error);
-    std::cerr << "maneuverd: " << configuration->WithSource(error.what())
-              << "\nRun maneuverd --help for more information.\n";
-    return kUsageError;
+    return RefuseOptions(line, configuration->WithSource(error.what()),
+                         "\nRun maneuverd --help for more information.");
   }
 
   options.scheduler.workers = workers;
@@ -420,10 +443,8 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
   options.log_format = kLogFormats.at(log_format);
   options.log_level = kLogLevels.at(log_level);
 
-  const auto refuse = [&configuration](const char* flag, const absl::Status& status) {
-    const std::string error = flag + std::string(status.message());
-    std::cerr << "maneuverd: " << configuration->WithSource(error) << "\n";
-    return kUsageError;
+  const auto refuse = [&](const char* flag, const absl::Status& status) {
+    return RefuseOptions(line, configuration->WithSource(flag + std::string(status.message())));
   };
   if (const auto status = TakeSecurityFlags(security_flags, &options); !status.ok()) {
     return refuse("", status);
@@ -473,7 +494,9 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
   options.serve = *std::move(versions);
   if (print_settings) {
     std::cout << PrintSettings(app);
-    return 0;
+    if (std::cout.flush()) return 0;
+    std::cerr << "maneuverd: cannot write to standard output\n";
+    return 1;
   }
   return options;
 }

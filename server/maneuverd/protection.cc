@@ -40,7 +40,12 @@ absl::StatusOr<std::unique_ptr<Protection>> Protection::Open(const ServerOptions
   std::vector<security::ReloadedFiles> files;
   if (options.tls) {
     auto store = security::CertificateStore::Open(*options.tls);
-    if (!store.ok()) return WithFlag("--tls-certificate, --tls-key", store.status());
+    if (!store.ok()) {
+      return WithFlag(options.tls->client_ca.empty()
+                          ? "--tls-certificate, --tls-key"
+                          : "--tls-certificate, --tls-key, --tls-client-ca",
+                      store.status());
+    }
     protection->certificates_ = *std::move(store);
     protection->expiry_ = &metrics.AddGauge("maneuver_tls_certificate_expiry_timestamp_seconds",
                                             "When the server's certificate expires, Unix time.");
@@ -79,9 +84,11 @@ void Protection::TellExpiry() {
   if (days < 0) {
     Log(LogLevel::kWarning, "the server's certificate has expired: clients will refuse it",
         {{"days_left", days}});
+  } else if (days < kWarnDays) {
+    Log(LogLevel::kWarning, "the server's certificate expires soon: renew it",
+        {{"days_left", days}});
   } else {
-    Log(days < kWarnDays ? LogLevel::kWarning : LogLevel::kInfo,
-        "the server's certificate is valid", {{"days_left", days}});
+    Log(LogLevel::kInfo, "the server's certificate is valid", {{"days_left", days}});
   }
 }
 

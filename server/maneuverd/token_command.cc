@@ -80,7 +80,11 @@ int Create(const std::string& name, const std::string& roles_text, const std::st
   std::cerr << "The token of " << name
             << (expires ? ", which expires at " + security::FormatExpiry(*expires) : "")
             << ", shown this once; " << file.string() << " keeps its SHA-256 alone:\n";
-  std::cout << token << std::endl;
+  if (!(std::cout << token << std::endl)) {
+    return Fail(kFailed, "create",
+                absl::UnavailableError("cannot write to standard output, so the token is lost: "
+                                       "remove it with maneuverd token revoke"));
+  }
   return 0;
 }
 
@@ -122,7 +126,9 @@ int List(const std::filesystem::path& file, absl::Time now) {
     }
     std::cout << row.back() << "\n";
   }
-  std::cout << std::flush;
+  if (!std::cout.flush()) {
+    return Fail(kFailed, "list", absl::UnavailableError("cannot write to standard output"));
+  }
   return 0;
 }
 

@@ -70,6 +70,11 @@ class CivetPages final : public HttpPages {
       : host_(std::move(host)), pages_(std::move(pages)) {}
 
   absl::Status Start(const std::string& address) {
+    if (address.starts_with('[') && mg_check_feature(MG_FEATURES_IPV6) == 0) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("cannot serve metrics and health on ", address,
+                       ": they have IPv4 addresses only; name one, such as 127.0.0.1:9470"));
+    }
     std::array<const char*, 7> options = {
         "listening_ports",    address.c_str(), "num_threads", kThreads,
         "request_timeout_ms", kRequestTimeout, nullptr};

@@ -12,6 +12,7 @@ import unittest
 import xml.etree.ElementTree as ElementTree
 
 import numpy
+from google.protobuf import json_format
 
 import maneuver
 from server import PROGRAMS, Server, trained_server
@@ -115,6 +116,10 @@ class ExamplesTest(unittest.TestCase):
         printed = run("node", "predict.mjs", SCENE, self.address, cwd=folder,
                       MANEUVER_PROTO=str(self.prefix / "share/maneuver/proto"))
         self.assertEqual(printed.splitlines(), self.expected())
+        extracted = self.folder / "extracted.json"  # lowerCamelCase, as scenario extract writes it
+        extracted.write_text(json_format.MessageToJson(maneuver.load_scenario(SCENE)))
+        self.assertEqual(run("node", "predict.mjs", extracted, self.address, cwd=folder,
+                             MANEUVER_PROTO=str(self.prefix / "share/maneuver/proto")), printed)
 
     def test_planner_answers_every_cycle(self):
         printed = python("planner/planner.py", self.address, "--cycles", 20, "--deadline", 5)

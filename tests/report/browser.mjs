@@ -220,6 +220,14 @@ check('prints what is folded away, and no controls', async (browser) => {
   assert.equal(await page.$eval('nav', (nav) => getComputedStyle(nav).display), 'none');
 });
 
+check('prints no paragraph and no scene across two pages', async (browser) => {
+  const page = await open(browser);
+  await page.emulateMediaType('print');
+  for (const whole of ['.lead', '.scene']) {
+    assert.equal(await page.$eval(whole, (part) => getComputedStyle(part).breakInside), 'avoid', whole);
+  }
+});
+
 async function takeScreenshots(browser) {
   mkdirSync(screenshots, { recursive: true });
   for (const scheme of ['light', 'dark']) {

@@ -13,12 +13,14 @@
 #include <string>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "client/cli/command.h"
 #include "client/cli/json_files.h"
 #include "client/cli/maneuver.h"
 #include "client/cli/settings_argument.h"
 #include "client/cli/table.h"
 #include "client/cli/text_format.h"
+#include "maneuver/v1/status.pb.h"
 #include "model/artifact/model_folder.h"
 #include "model/artifact/training_presets.h"
 #include "model/data/dataset_folder.h"
@@ -255,6 +257,41 @@ TEST(CommandErrorsTest, ServerMessagesNameCommandsInsteadOfMethods) {
             "promote, or remove it with maneuver model unalias\n");
 }
 
+TEST(CommandErrorsTest, SaysWhatIsWrongWithASceneWrittenByHand) {
+  const auto error = [](const std::string& scene) {
+    return Maneuver({"--server", kNobody, "predict", "-"}, scene).err;
+  };
+  EXPECT_THAT(error(R"({"agents": [{"type": "car"}]})"),
+              AllOf(HasSubstr("invalid value \"car\""),
+                    HasSubstr("; the values are AGENT_TYPE_VEHICLE, AGENT_TYPE_PEDESTRIAN")));
+  EXPECT_EQ(error("[]"),
+            "maneuver: standard input is not a Scenario in proto3 JSON: Root element must be a "
+            "message.\n");
+  const TemporaryFolder folder;
+  EXPECT_EQ(Maneuver({"--server", kNobody, "predict", folder.path().string()}).err,
+            "maneuver: cannot read " + folder.path().string() + ": it is a folder\n");
+}
+
+TEST(CommandErrorsTest, NamesEveryActionThatIsGone) {
+  client::TestServer server;
+  server.on_predict = [](auto*, const auto&, auto*) {
+    v1::ErrorInfo gone;
+    gone.set_reason("ACTION_NAME_GONE");
+    (*gone.mutable_metadata())["action_name_0"] = "fly";
+    (*gone.mutable_metadata())["action_name_1"] = "sink";
+    v1::Status status;
+    google::protobuf::Any& detail = *status.add_details();
+    detail.set_type_url("type.googleapis.com/google.rpc.ErrorInfo");
+    detail.set_value(gone.SerializeAsString());
+    return grpc::Status(grpc::StatusCode::FAILED_PRECONDITION,
+                        "required_action_names: town/1 has no action named \"fly\" (and 1 more)",
+                        status.SerializeAsString());
+  };
+  EXPECT_EQ(Maneuver({"--server", server.address(), "predict", "-"}, kScene).err,
+            "maneuver: --require-name: town/1 has no action named \"fly\" (and 1 more)\n"
+            "  nor \"sink\"\n");
+}
+
 TEST(CommandErrorsTest, ARefusedSceneHasNoTableAndNeedsNoName) {
   client::TestServer server;
   server.on_predict = [](auto*, const auto&, v1::PredictResponse* response) {
@@ -390,8 +427,14 @@ TEST(PrintableTest, TablesAndErrorsContainNoControlCharacters) {
 // A server that shows this certificate, on a free port.
 class TlsServer {
  public:
-  explicit TlsServer(const TestCertificate& certificate) {
+  // client_ca: authority of the client certificates that it requires, PEM; empty: it requires none.
+  explicit TlsServer(const TestCertificate& certificate, const std::string& client_ca = "") {
     grpc::SslServerCredentialsOptions options;
+    if (!client_ca.empty()) {
+      options.pem_root_certs = client_ca;
+      options.client_certificate_request =
+          GRPC_SSL_REQUEST_AND_REQUIRE_CLIENT_CERTIFICATE_AND_VERIFY;
+    }
     options.pem_key_cert_pairs.push_back({certificate.key, certificate.certificate});
     grpc::ServerBuilder builder;
     builder.AddListeningPort("127.0.0.1:0", grpc::SslServerCredentials(options), &port_);
@@ -413,12 +456,25 @@ class TlsErrorsTest : public ::testing::Test {
 
   // What `maneuver health` says, and what this process writes on its standard error meanwhile.
   std::string Health(const std::string& address, const std::string& ca) {
+    return Health({"--server", address, "--tls-ca", ca});
+  }
+  std::string Health(std::vector<std::string> arguments) {
+    arguments.emplace_back("health");
     ::testing::internal::CaptureStderr();
-    const Result result = Maneuver({"--server", address, "--tls-ca", ca, "health"});
+    const Result result = Maneuver(arguments);
     EXPECT_THAT(::testing::internal::GetCapturedStderr(), IsEmpty());
     EXPECT_EQ(result.status, kFailed);
     EXPECT_THAT(result.err, Not(HasSubstr("no server answers")));
     return result.err;
+  }
+
+  // Writes a client's certificate and key, and returns the options that name them.
+  std::vector<std::string> Present(const TestCertificate& certificate) {
+    WriteText(folder_ / "client.crt", certificate.certificate);
+    WriteText(folder_ / "client.key", certificate.key);
+    return {"--tls-ca",          ca_,
+            "--tls-certificate", folder_ / "client.crt",
+            "--tls-key",         folder_ / "client.key"};
   }
 
   const TemporaryFolder folder_;
@@ -447,7 +503,35 @@ TEST_F(TlsErrorsTest, SaysThatACertificateIsForAnotherName) {
 
 TEST_F(TlsErrorsTest, SaysThatAServerUsesPlainText) {
   const client::TestServer server;
-  EXPECT_THAT(Health(server.address(), ca_), HasSubstr("does not serve over TLS"));
+  EXPECT_THAT(Health(server.address(), ca_),
+              AllOf(HasSubstr("does not serve over TLS"), Not(HasSubstr("SSL_ERROR"))));
+}
+
+TEST_F(TlsErrorsTest, SaysThatAServerUsesTls) {
+  const TlsServer server(authority_.Issue("server", "IP:127.0.0.1"));
+  EXPECT_THAT(Health({"--server", server.address()}), HasSubstr("serves over TLS; add --tls-ca"));
+}
+
+TEST_F(TlsErrorsTest, SaysThatAServerRequiresAClientCertificate) {
+  TestAuthority clients("Clients");
+  const TlsServer server(authority_.Issue("server", "IP:127.0.0.1"), clients.certificate());
+  EXPECT_THAT(Health(server.address(), ca_), HasSubstr("requires a client certificate"));
+
+  std::vector<std::string> stranger = Present(authority_.Issue("client", ""));
+  stranger.insert(stranger.end(), {"--server", server.address()});
+  EXPECT_THAT(Health(stranger), AllOf(HasSubstr("refuses the client certificate in"),
+                                      HasSubstr((folder_ / "client.crt").string())));
+}
+
+TEST_F(TlsErrorsTest, SaysThatAKeyIsNotTheCertificates) {
+  Present(authority_.Issue("client", ""));
+  const std::string certificate = folder_ / "client.crt";
+  const std::string key = folder_ / "client.key";
+  WriteText(key, authority_.Issue("other", "").key);
+  const auto client = client::Client::Connect(
+      {.address = kNobody, .tls = client::TlsOptions{ca_, certificate, key}});
+  EXPECT_EQ(client.status(), absl::InvalidArgumentError(absl::StrCat(
+                                 key, " is not the key of the certificate in ", certificate)));
 }
 
 }  // namespace

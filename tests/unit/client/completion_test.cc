@@ -99,6 +99,11 @@ TEST_P(CompletionTest, OffersCommands) {
   EXPECT_THAT(Offered({"maneuver", "--output", "json", "model", "pu"}), Contains(Is("pull")));
 }
 
+TEST_P(CompletionTest, OffersHelpAndTheCommandsAfterIt) {
+  EXPECT_THAT(Offered({"maneuver", "he"}), AllOf(Contains(Is("help")), Contains(Is("health"))));
+  EXPECT_THAT(Offered({"maneuver", "help", "mod"}), Contains(Is("model")));
+}
+
 TEST_P(CompletionTest, OffersOptionsOfTheCommandAndOfTheProgram) {
   EXPECT_THAT(Offered({"maneuver", "job", "list", "--s"}),
               AllOf(Contains(Is("--state")), Contains(Is("--since")), Contains(Is("--server"))));

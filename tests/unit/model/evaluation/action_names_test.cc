@@ -269,6 +269,15 @@ TEST(ActionNamesTest, TheOnlyEffectiveActionOfItsWordsBearsThemAlone) {
   EXPECT_THAT(NameActions(manifest), ElementsAre("keep straight, 5 m/s", "keep straight"));
 }
 
+TEST(ActionNamesTest, ActionsThatAreNotEffectiveDoNotLengthenTheNamesOfOthers) {
+  v1::ModelManifest manifest = EmptyManifest(5.0, false);
+  AddAction(manifest, Straight(5.1, 0.0), false);
+  AddAction(manifest, Straight(5.0, 0.0));
+  AddAction(manifest, Straight(11.0, 0.0));
+  EXPECT_THAT(NameActions(manifest), ElementsAre("keep straight, 5.1 m/s", "keep straight, 5 m/s",
+                                                 "keep straight, 11 m/s"));
+}
+
 TEST(ActionNamesTest, EqualActionsAreCounted) {
   v1::ModelManifest manifest = EmptyManifest(5.0, false);
   for (int i = 0; i < 3; ++i) AddAction(manifest, Straight(11.0, 0.0));

@@ -19,6 +19,8 @@
 namespace maneuver::options_test {
 namespace {
 
+using ::testing::AllOf;
+using ::testing::EndsWith;
 using ::testing::HasSubstr;
 using ::testing::StartsWith;
 
@@ -267,6 +269,25 @@ TEST_F(OptionsTest, APasswordOfTheStoreIsRefusedAndNotShown) {
     EXPECT_THAT(outcome.err, HasSubstr("MANEUVERD_STORE: --store: the URI holds a password"));
     EXPECT_THAT(outcome.out + outcome.err, ::testing::Not(HasSubstr("hunter2")));
   }
+}
+
+TEST_F(OptionsTest, RefusesOptionsInTheFormatOfTheLog) {
+  const std::string file = Write("m.conf", "data-dir = d\nlog-format = json\n");
+  for (const std::vector<std::string>& arguments :
+       std::vector<std::vector<std::string>>{{"--config", file, "--max-batch", "0"},
+                                             {"--config", file, "--listen", "127.0.0.1"},
+                                             {"--log-format", "json", "--max-bach", "1"},
+                                             {"--log-format=json", "--config", folder_ / "none"}}) {
+    const Outcome outcome = Parse(arguments);
+    EXPECT_TRUE(outcome.refused());
+    EXPECT_THAT(outcome.err,
+                AllOf(StartsWith(R"({"time":")"), HasSubstr(R"("level":"error")"),
+                      HasSubstr(R"("message":"cannot serve","reason":")"), EndsWith("\"}\n")));
+  }
+  const Outcome text = Parse({"--config", file, "--log-format", "text", "--max-batch", "0"});
+  EXPECT_THAT(text.err, HasSubstr("--max-batch: Value 0"));
+  EXPECT_THAT(text.err, StartsWith("maneuverd: "));
+  monitoring::ConfigureLogging(monitoring::LogFormat::kText, monitoring::LogLevel::kInfo);
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 
 #include <filesystem>
 #include <fstream>
+#include <iostream>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -194,6 +195,18 @@ TEST_F(TokenCommandTest, RevokeRefusesAFileThatTheServerWouldNotRead) {
 TEST_F(TokenCommandTest, RevokeRequiresExactlyOneChoice) {
   EXPECT_EQ(Run({"revoke"}), 2);
   EXPECT_EQ(Run({"revoke", "--name", "a", "--expired"}), 2);
+}
+
+TEST_F(TokenCommandTest, FailsIfTheTokenCannotBeShown) {
+  std::streambuf* const shown = std::cout.rdbuf(nullptr);  // no write succeeds
+  const int created = Run({"create", "--name", "planner", "--roles", "predict"});
+  const std::string error = err_;
+  std::cout.clear(std::ios::badbit);
+  const int listed = Run({"list"});
+  std::cout.rdbuf(shown);
+  EXPECT_EQ(created, 1);
+  EXPECT_THAT(error, HasSubstr("the token is lost: remove it with maneuverd token revoke"));
+  EXPECT_EQ(listed, 1);
 }
 
 }  // namespace

@@ -89,6 +89,12 @@ TEST(HttpPagesTest, ATakenPortIsAnError) {
       HttpPages::Serve("127.0.0.1:" + std::to_string(first->port()), {}).status()));
 }
 
+TEST(HttpPagesTest, SaysThatIpv6IsNotServed) {
+  const auto pages = HttpPages::Serve("[::1]:0", {});
+  if (pages.ok()) GTEST_SKIP() << "this civetweb knows IPv6";
+  EXPECT_THAT(std::string(pages.status().message()), HasSubstr("they have IPv4 addresses only"));
+}
+
 TEST(HttpPagesTest, SilentConnectionsDoNotDelayAScrape) {
   const auto pages = Serve();
   std::vector<int> silent;
