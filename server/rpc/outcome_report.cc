@@ -139,7 +139,9 @@ class OutcomeReport {
         model = &target.model->model();
       }
       if (scored.empty()) continue;
-      collected.push_back({serving::OutcomeRecording(outcome, scored, model->spec()), surprise});
+      collected.push_back({serving::OutcomeRecording(outcome, scored, model->spec()), surprise,
+                           serving::EventOf(outcome.scenario().scenario_id(),
+                                            outcome.scenario().prediction_time())});
     }
     return collection.Add(collected);
   }

@@ -243,9 +243,13 @@ TEST_F(OutcomesTest, AServerThatIsKilledHasEachAcknowledgedOutcomeOnce) {
     EXPECT_EQ(Refusal(*stub, report), "");
   }
   EXPECT_EQ(collected().size(), reports.size());
-  EXPECT_EQ(
-      ValueOf(MetricsPage(server()), "maneuver_outcome_collected_recordings{part=\"surprising\"}"),
-      static_cast<double>(reports.size()));
+  // Targets of one scene are one event, of which one is among the surprising outcomes.
+  const std::string page = MetricsPage(server());
+  const std::string metric = "maneuver_outcome_collected_recordings{part=";
+  const double surprising = ValueOf(page, metric + "\"surprising\"}");
+  EXPECT_EQ(surprising, static_cast<double>(trained_->unseen().size()));
+  EXPECT_EQ(surprising + ValueOf(page, metric + "\"sample\"}"),
+            static_cast<double>(reports.size()));
   EXPECT_THAT(Run({"outcomes", "collect", "killed"}),
               HasSubstr("datasets/killed: " + std::to_string(reports.size()) + " recordings"));
   EXPECT_THAT(Run({"outcomes", "collect", "killed"}, /*status=*/1), HasSubstr("exists"));
