@@ -4,6 +4,7 @@
 #include <cmath>
 #include <memory>
 #include <ostream>
+#include <tuple>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
@@ -126,6 +127,19 @@ Table ReplicaTable(const v1::ListReplicasResponse& replicas, const std::string& 
   return table;
 }
 
+// Between which values the inputs of the held-out examples lie; empty if the manifest does not say.
+std::string InputsText(const v1::ModelManifest& manifest) {
+  std::vector<std::string> texts;
+  for (const auto& [name, unit, digits] :
+       {std::tuple("speed", " m/s", 1), {"agents", " agents", 0}, {"map", " map features", 0}}) {
+    const auto found = manifest.input_ranges().find(name);
+    if (found == manifest.input_ranges().end()) continue;
+    texts.push_back(absl::StrCat(Fixed(found->second.low(), digits), " to ",
+                                 Fixed(found->second.high(), digits), unit));
+  }
+  return absl::StrJoin(texts, ", ");
+}
+
 int ShowModel(const std::string& name, Environment& environment) {
   v1::GetModelVersionRequest request;
   request.set_name(ModelResource(name));
@@ -157,6 +171,9 @@ int ShowModel(const std::string& name, Environment& environment) {
   table.Add({"preset", manifest.provenance().settings().preset()});
   table.Add({"examples", absl::StrCat(manifest.provenance().training_examples(), " learned, ",
                                       manifest.provenance().validation_examples(), " held out")});
+  if (const std::string inputs = InputsText(manifest); !inputs.empty()) {
+    table.Add({"held-out inputs", inputs});
+  }
   table.Add({"evaluated on", *evaluated});
   environment.out << table.Text(environment.color);
   // A server of before has no such call, and a caller may lack the role.

@@ -5,6 +5,7 @@
 #include <numeric>
 
 #include "model/artifact/model_spec.h"
+#include "model/evaluation/input_ranges.h"
 #include "model/inference/representatives.h"
 #include "model/scene/target_frame.h"
 
@@ -252,9 +253,13 @@ Measurement Measurer::MeasureOne(const data::Example& example,
 
   measured.maneuver = context_.labels.Over(recording.scenario_id(), example.target_id, example.time,
                                            example.time + context_.waypoint_times.back());
-  measured.keys = {AgentsAt(recording, example.time, context_.window.tolerance()), motion.speed(),
-                   FinalHeadingChange(truth.trajectory),
-                   Classify(truth.trajectory, context_.waypoint_times, agent.type()), agent.type()};
+  measured.keys = {
+      AgentsAt(recording, example.time, context_.window.tolerance()),
+      motion.speed(),
+      FinalHeadingChange(truth.trajectory),
+      Classify(truth.trajectory, context_.waypoint_times, agent.type()),
+      agent.type(),
+      MapFeaturesNear(context_.maps[static_cast<size_t>(example.recording)], example.X_WT)};
   measured.relative_class =
       ClassifyRelative(truth.trajectory, context_.waypoint_times, motion.speed(), agent.type());
   return measured;

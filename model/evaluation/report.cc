@@ -90,6 +90,7 @@ void ReportSums::Add(const Measurement& measured) {
   }
   meaning_.Add(measured);
   anchors_.Add(measured);
+  Widen(measured.keys, input_ranges_);
 }
 
 void ReportSums::AddStrata(v1::EvaluationReport& report) const {
@@ -128,6 +129,7 @@ v1::EvaluationReport ReportSums::MakeReport() const {
   AddActionUses(all_->statistics, report);
   meaning_.Write(report);
   anchors_.Write(report);
+  *report.mutable_input_ranges() = input_ranges_;
   return report;
 }
 

@@ -12,6 +12,7 @@
 #include "model/evaluation/anchor_report.h"
 #include "model/evaluation/calibration.h"
 #include "model/evaluation/example_metrics.h"
+#include "model/evaluation/input_ranges.h"
 #include "model/evaluation/measurement.h"
 
 namespace maneuver::evaluation {
@@ -51,6 +52,7 @@ class ReportSums {
   std::vector<std::vector<Part>> strata_;  // as Stratifications() has them
   ActionMeaning meaning_;
   AnchorStatistics anchors_;
+  InputRanges input_ranges_;
 };
 
 // Makes a report of at least one measurement that is in memory.

@@ -12,13 +12,14 @@
 
 namespace maneuver::evaluation {
 
-// The properties of an example that decide its strata.
+// The properties of an example that decide its strata, and whether it is like others.
 struct StratumKeys {
   int agents = 0;               // present at the prediction time, target included
   double speed = 0.0;           // of the target at the prediction time, m/s
   double heading_change = 0.0;  // of the target at the horizon, radians, counter-clockwise
   KinematicClass kinematic_class = KinematicClass::kStationary;  // of its trajectory
   v1::AgentType type = v1::AGENT_TYPE_VEHICLE;                   // of the target
+  int map_features = 0;  // near the target (MapFeaturesNear)
 };
 
 // One way to divide the examples.

@@ -121,6 +121,8 @@ absl::Status Measure(const Draft& draft, std::span<const v1::Scenario> recording
   if (!report.ok()) return report.status();
   *manifest->mutable_metrics() = report->metrics();
   *manifest->mutable_rivals() = report->rivals();
+  // A recalibration learns no new scenes: its uses and its ranges are those of its model.
+  if (options.uses.empty()) *manifest->mutable_input_ranges() = report->input_ranges();
   uses->assign(report->action_uses().begin(), report->action_uses().end());
   if (report->examples() < kEnoughToTell) return absl::OkStatus();
   const auto effective = std::count_if(uses->begin(), uses->end(), IsEffective);

@@ -139,7 +139,9 @@ class OutcomeReport {
         model = &target.model->model();
       }
       if (scored.empty()) continue;
-      collected.push_back({serving::OutcomeRecording(outcome, scored, model->spec()), surprise});
+      collected.push_back({serving::OutcomeRecording(outcome, scored, model->spec()), surprise,
+                           serving::EventOf(outcome.scenario().scenario_id(),
+                                            outcome.scenario().prediction_time())});
     }
     return collection.Add(collected);
   }
@@ -262,6 +264,7 @@ class OutcomeReport {
                        /*classify=*/false, {}, /*strict=*/false, group.paths);
     const auto answers = Answer(*model, plan, group);
     if (!answers.ok()) return answers.status();
+    serving::PastAnswerMaker maker((*model)->name(), (*model)->model().spec());
     for (size_t s = 0; s < group.outcomes.size(); ++s) {
       ReportedOutcome& reported = outcomes_[static_cast<size_t>(group.outcomes[s])];
       reported.status = plan.scenarios[s].status;
@@ -275,7 +278,7 @@ class OutcomeReport {
         target.status = answer.status;
         if (!target.status.ok()) continue;
         target.answer = std::make_shared<const PastAnswer>(
-            serving::PastAnswerOf((*model)->name(), plan.targets[planned.index], answer.encoding));
+            maker.Make(plan.targets[planned.index], answer.encoding));
         target.model = *model;
       }
     }

@@ -135,10 +135,10 @@ int64_t PredictionRun::MessageBytes() const {
 }
 
 void PredictionRun::KeepAnswers(const std::vector<serving::TargetAnswer>& answers) {
+  serving::PastAnswerMaker maker(call_->model->name(), call_->model->model().spec());
   for (size_t i = 0; i < answers.size(); ++i) {
     if (!answers[i].status.ok()) continue;
-    context_.past_answers->Keep(
-        serving::PastAnswerOf(call_->model->name(), call_->targets[i], answers[i].encoding));
+    context_.past_answers->Keep(maker.Make(call_->targets[i], answers[i].encoding));
   }
 }
 

@@ -4,9 +4,14 @@
 #include <optional>
 #include <string_view>
 #include <system_error>
+#include <utility>
+#include <vector>
 
 #include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_split.h"
+#include "model/data/recording_split.h"
 #include "model/files/digest.h"
 #include "model/files/durable_file.h"
 #include "model/files/errno_status.h"
@@ -30,23 +35,36 @@ int64_t BytesOnDisk(uint64_t bytes) {
   return (static_cast<int64_t>(bytes) + kBlock - 1) / kBlock * kBlock;
 }
 
-// Returns digest and surprise.
-std::optional<std::pair<std::string, double>> ParseName(const std::string& name) {
-  const std::string extension = kOutcomeExtension;
-  if (!name.ends_with(extension) || name.size() < kDigestLength + 2 + extension.size() ||
-      name[kDigestLength] != ',') {
-    return std::nullopt;
-  }
-  const size_t begin = kDigestLength + 1;
+struct Name {
+  std::string digest;
+  std::string event;
   double surprise = 0.0;
-  if (!absl::SimpleAtod(name.substr(begin, name.size() - extension.size() - begin), &surprise) ||
-      !std::isfinite(surprise)) {
+};
+
+std::optional<Name> ParseName(std::string text) {
+  if (!text.ends_with(kOutcomeExtension)) return std::nullopt;
+  text.resize(text.size() - std::string_view(kOutcomeExtension).size());
+  const std::vector<std::string> parts = absl::StrSplit(text, ',');
+  Name name;
+  if (parts.size() < 2 || parts.size() > 3 || parts.front().size() != kDigestLength ||
+      !absl::SimpleAtod(parts.back(), &name.surprise) || !std::isfinite(name.surprise)) {
     return std::nullopt;
   }
-  return std::pair(name.substr(0, kDigestLength), surprise);
+  name.digest = parts.front();
+  if (parts.size() == 3) name.event = parts[1];
+  return name;
 }
 
 }  // namespace
+
+std::string EventOf(const std::string& scenario_id, double prediction_time) {
+  constexpr double kSeconds = 5.0;
+  constexpr size_t kDigits = 16;
+  const std::string_view drive = data::WithoutPart(scenario_id);
+  if (drive.empty()) return "";
+  return DigestOf(absl::StrFormat("%s %.0f", drive, std::floor(prediction_time / kSeconds)))
+      .substr(0, kDigits);
+}
 
 OutcomeCollection::Metrics::Metrics(monitoring::MetricRegistry& registry)
     : surprising(registry.AddGauge("maneuver_outcome_collected_recordings",
@@ -87,10 +105,11 @@ absl::Status OutcomeCollection::ReadFolder() {
   fs::directory_iterator entry(folder_, error);
   for (; !error && entry != fs::directory_iterator(); entry.increment(error)) {
     const auto name = ParseName(entry->path().filename().string());
-    if (!name || kept_.contains(name->first)) continue;
+    if (!name || kept_.contains(name->digest)) continue;
     std::error_code ignored;
-    Insert(name->first,
-           {.surprise = name->second, .bytes = BytesOnDisk(fs::file_size(entry->path(), ignored))});
+    Insert(name->digest, {.surprise = name->surprise,
+                          .bytes = BytesOnDisk(fs::file_size(entry->path(), ignored)),
+                          .event = name->event});
   }
   if (error) return files::ErrnoStatus(error.value(), "read", folder_);
   const std::vector<std::string> excess = Excess();
@@ -114,7 +133,8 @@ absl::Status OutcomeCollection::AddOne(const CollectedOutcome& outcome) {
   const std::string bytes = outcome.recording.SerializeAsString();
   const std::string digest = DigestOf(bytes);
   const Kept added = {.surprise = std::round(1000.0 * outcome.surprise) / 1000.0,
-                      .bytes = BytesOnDisk(bytes.size())};
+                      .bytes = BytesOnDisk(bytes.size()),
+                      .event = outcome.event};
   if (kept_.contains(digest) || added.bytes > max_bytes_ / 4) return absl::OkStatus();
   Insert(digest, added);
   std::vector<std::string> excess = Excess();
@@ -122,7 +142,7 @@ absl::Status OutcomeCollection::AddOne(const CollectedOutcome& outcome) {
     Erase(digest);
   } else {
     // The new one first: a crash in between leaves too much rather than too little.
-    absl::Status status = files::WriteFileAtomically(FileOf(digest, added.surprise), bytes);
+    absl::Status status = files::WriteFileAtomically(FileOf(digest, added), bytes);
     if (!status.ok()) {
       Erase(digest);
       return status;  // what is above the bound goes with the next outcome
@@ -136,16 +156,32 @@ void OutcomeCollection::Insert(const std::string& digest, const Kept& kept) {
   inserted.is_surprising = true;
   surprising_.emplace(kept.surprise, digest);
   surprising_bytes_ += kept.bytes;
-  // The least surprising ones make room, and compete for a place in the sample.
-  while (surprising_bytes_ > max_bytes_ / 2) {
-    const std::string least = surprising_.begin()->second;
-    Kept& moved = kept_[least];
-    moved.is_surprising = false;
-    surprising_.erase(surprising_.begin());
-    surprising_bytes_ -= moved.bytes;
-    sampled_.insert(least);
-    sampled_bytes_ += moved.bytes;
+  if (!kept.event.empty()) {
+    std::string& most = events_.try_emplace(kept.event, digest).first->second;
+    if (most != digest) {
+      const bool more = std::pair(kept.surprise, digest) > std::pair(kept_[most].surprise, most);
+      const std::string less = more ? std::exchange(most, digest) : digest;
+      MoveToSample(less);
+    }
   }
+  // The least surprising ones make room, and compete for a place in the sample.
+  while (surprising_bytes_ > max_bytes_ / 2) MoveToSample(surprising_.begin()->second);
+}
+
+void OutcomeCollection::MoveToSample(const std::string& digest) {
+  const std::string moved = digest;  // the argument may be in what is erased
+  Kept& kept = kept_[moved];
+  RemoveSurprising(moved, kept);
+  kept.is_surprising = false;
+  sampled_.insert(moved);
+  sampled_bytes_ += kept.bytes;
+}
+
+void OutcomeCollection::RemoveSurprising(const std::string& digest, const Kept& kept) {
+  const auto event = events_.find(kept.event);
+  if (event != events_.end() && event->second == digest) events_.erase(event);
+  surprising_.erase({kept.surprise, digest});
+  surprising_bytes_ -= kept.bytes;
 }
 
 void OutcomeCollection::Erase(const std::string& digest) {
@@ -153,8 +189,7 @@ void OutcomeCollection::Erase(const std::string& digest) {
   if (found == kept_.end()) return;
   const Kept& kept = found->second;
   if (kept.is_surprising) {
-    surprising_.erase({kept.surprise, digest});
-    surprising_bytes_ -= kept.bytes;
+    RemoveSurprising(digest, kept);
   } else {
     sampled_.erase(digest);
     sampled_bytes_ -= kept.bytes;
@@ -165,7 +200,7 @@ void OutcomeCollection::Erase(const std::string& digest) {
 std::vector<std::string> OutcomeCollection::Excess() {
   std::vector<std::string> excess;
   int64_t bytes = sampled_bytes_;
-  for (auto largest = sampled_.rbegin(); bytes > max_bytes_ - max_bytes_ / 2; ++largest) {
+  for (auto largest = sampled_.rbegin(); bytes > max_bytes_ - surprising_bytes_; ++largest) {
     excess.push_back(*largest);
     bytes -= kept_[*largest].bytes;
   }
@@ -174,7 +209,7 @@ std::vector<std::string> OutcomeCollection::Excess() {
 
 absl::Status OutcomeCollection::RemoveFiles(const std::vector<std::string>& digests) {
   for (const std::string& digest : digests) {
-    const fs::path file = FileOf(digest, kept_[digest].surprise);
+    const fs::path file = FileOf(digest, kept_[digest]);
     std::error_code error;
     fs::remove(file, error);
     if (error) return files::ErrnoStatus(error.value(), "remove", file);
@@ -192,7 +227,7 @@ absl::StatusOr<OutcomeCollection::Written> OutcomeCollection::Write(
   }
   Written written;
   for (const auto& [digest, entry] : kept) {
-    const absl::StatusOr<std::string> bytes = files::ReadFile(FileOf(digest, entry.surprise));
+    const absl::StatusOr<std::string> bytes = files::ReadFile(FileOf(digest, entry));
     if (absl::IsNotFound(bytes.status())) continue;  // it made room meanwhile
     if (!bytes.ok()) return bytes.status();
     v1::Scenario recording;
@@ -234,8 +269,9 @@ void OutcomeCollection::Show() {
   metrics_.bytes.Set(static_cast<double>(surprising_bytes_ + sampled_bytes_));
 }
 
-fs::path OutcomeCollection::FileOf(const std::string& digest, double surprise) const {
-  return folder_ / absl::StrFormat("%s,%.3f%s", digest, surprise, kOutcomeExtension);
+fs::path OutcomeCollection::FileOf(const std::string& digest, const Kept& kept) const {
+  const std::string event = kept.event.empty() ? "" : absl::StrCat(kept.event, ",");
+  return folder_ / absl::StrFormat("%s,%s%.3f%s", digest, event, kept.surprise, kOutcomeExtension);
 }
 
 }  // namespace maneuver::serving

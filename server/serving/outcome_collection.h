@@ -1,7 +1,9 @@
 // Keeps outcomes on disk until a dataset is made of them: the most surprising ones, and a uniform
-// sample of the others, within a bound.
+// sample of the others, within a bound. Of one event only the most surprising outcome is among the
+// surprising ones, so that overlapping windows of one surprise do not crowd out others.
 //
-//   <folder>/<digest>,<surprise>.outcome   a Scenario, named by the first 32 digits of its SHA-256
+//   <folder>/<digest>,<event>,<surprise>.outcome   a Scenario, named by the first 32 digits of its
+//                                                  SHA-256; without an event, <digest>,<surprise>
 //
 // The sample needs no state: it holds the outcomes with the smallest digests. So an outcome that is
 // reported again changes nothing, and neither does a crash.
@@ -31,14 +33,20 @@ namespace maneuver::serving {
 struct CollectedOutcome {
   v1::Scenario recording;  // as OutcomeRecording makes it
   double surprise = 0.0;   // the larger, the rather it is kept; finite
+  // The event that it shares with near-duplicates, as EventOf names it; empty: its own.
+  std::string event = {};
 };
+
+// Returns the name of what happens in one drive within 5 seconds; empty if the drive has no name.
+//   prediction_time: seconds on the scenario's clock
+std::string EventOf(const std::string& scenario_id, double prediction_time);
 
 // Safe to use from any thread. Calls wait for the disk.
 class OutcomeCollection {
  public:
   // Opens the folder and creates it if needed. Removes what an interrupted write left, and what is
   // above the bound.
-  //   max_bytes: of all files together, of which one half is for the surprising ones
+  //   max_bytes: of all files together, of which at most one half is for the surprising ones
   static absl::StatusOr<std::unique_ptr<OutcomeCollection>> Open(
       std::filesystem::path folder, int64_t max_bytes, monitoring::MetricRegistry& metrics);
 
@@ -66,6 +74,7 @@ class OutcomeCollection {
   struct Kept {
     double surprise = 0.0;  // to three decimals, as in the file's name
     int64_t bytes = 0;
+    std::string event = {};
     bool is_surprising = false;
   };
   struct Metrics {
@@ -82,21 +91,26 @@ class OutcomeCollection {
   absl::Status ReadFolder();
   absl::Status AddOne(const CollectedOutcome& outcome) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Insert(const std::string& digest, const Kept& kept) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Moves one of the surprising ones into the sample.
+  void MoveToSample(const std::string& digest) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void RemoveSurprising(const std::string& digest, const Kept& kept)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Erase(const std::string& digest) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Returns the outcomes that are above the bound.
   std::vector<std::string> Excess() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   absl::Status RemoveFiles(const std::vector<std::string>& digests)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Show() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  std::filesystem::path FileOf(const std::string& digest, double surprise) const;
+  std::filesystem::path FileOf(const std::string& digest, const Kept& kept) const;
 
   const std::filesystem::path folder_;
   const int64_t max_bytes_;
   Metrics metrics_;
   mutable Mutex mutex_;
   std::map<std::string, Kept> kept_ ABSL_GUARDED_BY(mutex_);  // by digest
-  // Surprise and digest of the surprising ones; digests of the sample.
+  // Surprise and digest of the surprising ones, and their digests by event; digests of the sample.
   std::set<std::pair<double, std::string>> surprising_ ABSL_GUARDED_BY(mutex_);
+  std::map<std::string, std::string> events_ ABSL_GUARDED_BY(mutex_);
   std::set<std::string> sampled_ ABSL_GUARDED_BY(mutex_);
   int64_t surprising_bytes_ ABSL_GUARDED_BY(mutex_) = 0;
   int64_t sampled_bytes_ ABSL_GUARDED_BY(mutex_) = 0;

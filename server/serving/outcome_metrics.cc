@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "model/evaluation/calibration.h"
 #include "model/evaluation/envelope.h"
+#include "model/evaluation/input_ranges.h"
 
 namespace maneuver::serving {
 namespace {
@@ -113,6 +114,15 @@ OutcomeMetrics::Version& OutcomeMetrics::VersionOf(const ServedModel& model) {
   if (label == kOthers) return version;
   const v1::ModelManifest& manifest = model.model().manifest();
   ShowExpectedCoverage(manifest, label, metrics_);
+  if (!manifest.input_ranges().empty()) {
+    for (const evaluation::InputFigure& figure : evaluation::InputFigures()) {
+      version.outside.push_back(&metrics_.AddCounter(
+          "maneuver_outcome_outside_training_total",
+          "Outcomes whose input lies outside of what the model was trained on: the target's speed, "
+          "the number of agents, or the map features within 50 m of the target.",
+          {{"input", std::string(figure.name)}, {"model_version", label}}));
+    }
+  }
   for (int k = 0; k < manifest.spec().actions(); ++k) {
     const monitoring::Labels labels = {{"action", absl::StrCat(k)}, {"model_version", label}};
     version.actions.push_back(&metrics_.AddCounter(
@@ -147,6 +157,12 @@ void OutcomeMetrics::Observe(const ServedModel& model, const ScoredOutcome& outc
   reliability.outcomes.Increment();
   reliability.probability.Increment(confidence);
   reliability.responsibility.Increment(outcome.measurement.responsibilities[likeliest]);
+  for (size_t i = 0; i < version.outside.size(); ++i) {
+    if (evaluation::IsOutside(evaluation::InputFigures()[i], outcome.measurement.keys,
+                              model.model().manifest().input_ranges())) {
+      version.outside[i]->Increment();
+    }
+  }
   for (size_t k = 0; k < version.actions.size(); ++k) {
     version.actions[k]->Increment(outcome.measurement.probabilities[static_cast<Eigen::Index>(k)]);
   }

@@ -55,6 +55,9 @@ class OutcomeMetrics {
     std::vector<ConfidenceBin> confidence;
     std::map<std::string_view, Stratum> strata;  // by speed
     std::vector<monitoring::Counter*> actions;   // [K]; empty for "_others"
+    // Inputs outside of the manifest's ranges, as InputFigures() has them; empty without ranges and
+    // for "_others".
+    std::vector<monitoring::Counter*> outside;
   };
 
   // Returns the metrics of a version, which are made with its first outcome.

@@ -112,6 +112,8 @@ absl::StatusOr<ScoredOutcome> ScoreOutcome(const PastAnswer& answer, const Agent
   ScoredOutcome scored;
   evaluation::MeasureAnswer(answer.encoding, *trajectory, session, &scored.measurement);
   scored.measurement.keys.speed = answer.speed;
+  scored.measurement.keys.agents = answer.agents;
+  scored.measurement.keys.map_features = answer.map_features;
   scored.speed_stratum = SpeedStratum(scored.measurement.keys);
   static const auto* const kMetrics =
       new std::vector<evaluation::ExampleMetric>(OutcomeMetricList());

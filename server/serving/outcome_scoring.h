@@ -23,7 +23,8 @@ inline constexpr std::array<std::string_view, 7> kOutcomeMetrics = {
 
 // One scored answer.
 struct ScoredOutcome {
-  evaluation::Measurement measurement;  // as evaluation::MeasureAnswer sets it, and keys.speed
+  evaluation::Measurement measurement;  // as evaluation::MeasureAnswer sets it; of keys, what
+                                        // PastAnswer has
   std::array<double, kOutcomeMetrics.size()> metrics{};  // finite
   std::string_view speed_stratum;                        // a name of evaluation::Stratifications()
 };

@@ -5,6 +5,9 @@
 #include <utility>
 
 #include "model/evaluation/baselines.h"
+#include "model/evaluation/input_ranges.h"
+#include "model/evaluation/strata.h"
+#include "model/scene/observation_window.h"
 #include "model/scene/target_frame.h"
 
 namespace maneuver::serving {
@@ -27,22 +30,30 @@ int64_t BytesOf(const PastAnswer& answer) {
 
 }  // namespace
 
-PastAnswer PastAnswerOf(const security::ModelVersionName& version, const Target& target,
-                        const inference::SceneEncoding& encoding) {
+PastAnswer PastAnswerMaker::Make(const Target& target, const inference::SceneEncoding& encoding) {
   const v1::Scenario& scenario = *target.scenario;
   const v1::Agent& agent = *scene::FindAgent(scenario, target.id);
   const double time = scenario.prediction_time();
   const int present = scene::FindState(agent, time, HUGE_VAL, time + scene::kSameTime);
   const v1::AgentState& last = agent.states(present);
+  if (counted_ != &scenario) {
+    counted_ = &scenario;
+    agents_ = evaluation::AgentsAt(scenario, time, scene::WindowOf(spec_).tolerance());
+  }
   return {.scenario_id = scenario.scenario_id(),
           .target_id = target.id,
           .prediction_time = time,
-          .version = version,
+          .version = version_,
           .encoding = encoding,
           .X_WT = target.X_WT,
           .type = agent.type(),
           .last = last,
-          .speed = evaluation::EstimateMotion(agent, last.time()).speed()};
+          .speed = evaluation::EstimateMotion(agent, last.time()).speed(),
+          .agents = agents_,
+          .map_features = target.map != nullptr
+                              ? evaluation::MapFeaturesNear(*target.map, target.X_WT)
+                              : evaluation::MapFeaturesNear(
+                                    scene::RoadMap::Over(scenario.map_features()), target.X_WT)};
 }
 
 PastAnswers::Metrics::Metrics(monitoring::MetricRegistry& registry)

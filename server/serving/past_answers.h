@@ -10,9 +10,11 @@
 #include <optional>
 #include <string>
 #include <tuple>
+#include <utility>
 
 #include "absl/base/thread_annotations.h"
 #include "locks/mutex.h"
+#include "maneuver/v1/model_spec.pb.h"
 #include "maneuver/v1/scenario.pb.h"
 #include "model/inference/action_model.h"
 #include "model/scene/pose2.h"
@@ -31,14 +33,30 @@ struct PastAnswer {
   inference::SceneEncoding encoding;
   scene::Pose2 X_WT;
   v1::AgentType type = v1::AGENT_TYPE_UNSPECIFIED;
-  v1::AgentState last;  // the target's latest state at or before the prediction time
-  double speed = 0.0;   // of that state, m/s (evaluation::EstimateMotion)
+  v1::AgentState last;   // the target's latest state at or before the prediction time
+  double speed = 0.0;    // of that state, m/s (evaluation::EstimateMotion)
+  int agents = 0;        // of the scenario at the prediction time (evaluation::AgentsAt)
+  int map_features = 0;  // near the target (evaluation::MapFeaturesNear)
 };
 
-// Returns what has to be kept of an answer.
-//   target: as PlanPrediction made it; it has a state at the prediction time.
-PastAnswer PastAnswerOf(const security::ModelVersionName& version, const Target& target,
-                        const inference::SceneEncoding& encoding);
+// Makes past answers of one version, scenario by scenario.
+class PastAnswerMaker {
+ public:
+  //   spec: of the version; must outlive the result
+  PastAnswerMaker(security::ModelVersionName version, const v1::ModelSpec& spec)
+      : version_(std::move(version)), spec_(spec) {}
+
+  // Returns what has to be kept of an answer. Counts the agents once for successive targets of one
+  // scenario.
+  //   target: as PlanPrediction made it; it has a state at the prediction time.
+  PastAnswer Make(const Target& target, const inference::SceneEncoding& encoding);
+
+ private:
+  const security::ModelVersionName version_;
+  const v1::ModelSpec& spec_;
+  const v1::Scenario* counted_ = nullptr;
+  int agents_ = 0;  // of counted_
+};
 
 // Keeps answers within a limit of memory: drops and counts the oldest ones to make room. Safe to
 // use from any thread.

@@ -173,6 +173,25 @@ std::vector<v1::ReportOutcomesRequest> ReportsOf(const std::vector<v1::Scenario>
   return reports;
 }
 
+// Returns the speed of the agent's last state until `time`, m/s.
+double SpeedAt(const v1::Agent& agent, double time) {
+  double speed = 0.0;
+  for (const v1::AgentState& state : agent.states()) {
+    if (state.time() <= time + 1e-6) speed = std::hypot(state.velocity_x(), state.velocity_y());
+  }
+  return speed;
+}
+
+// Stretches what was driven, about the origin of the world.
+void Accelerate(double factor, google::protobuf::RepeatedPtrField<v1::AgentState>& states) {
+  for (v1::AgentState& state : states) {
+    state.set_x(factor * state.x());
+    state.set_y(factor * state.y());
+    state.set_velocity_x(static_cast<float>(factor * state.velocity_x()));
+    state.set_velocity_y(static_cast<float>(factor * state.velocity_y()));
+  }
+}
+
 // Returns why the outcome was not scored or its report not acknowledged; empty if both happened.
 std::string Refusal(v1::OutcomeService::Stub& stub, const v1::ReportOutcomesRequest& report) {
   grpc::ClientContext context;
@@ -224,9 +243,13 @@ TEST_F(OutcomesTest, AServerThatIsKilledHasEachAcknowledgedOutcomeOnce) {
     EXPECT_EQ(Refusal(*stub, report), "");
   }
   EXPECT_EQ(collected().size(), reports.size());
-  EXPECT_EQ(
-      ValueOf(MetricsPage(server()), "maneuver_outcome_collected_recordings{part=\"surprising\"}"),
-      static_cast<double>(reports.size()));
+  // Targets of one scene are one event, of which one is among the surprising outcomes.
+  const std::string page = MetricsPage(server());
+  const std::string metric = "maneuver_outcome_collected_recordings{part=";
+  const double surprising = ValueOf(page, metric + "\"surprising\"}");
+  EXPECT_EQ(surprising, static_cast<double>(trained_->unseen().size()));
+  EXPECT_EQ(surprising + ValueOf(page, metric + "\"sample\"}"),
+            static_cast<double>(reports.size()));
   EXPECT_THAT(Run({"outcomes", "collect", "killed"}),
               HasSubstr("datasets/killed: " + std::to_string(reports.size()) + " recordings"));
   EXPECT_THAT(Run({"outcomes", "collect", "killed"}, /*status=*/1), HasSubstr("exists"));
@@ -298,6 +321,46 @@ TEST_F(OutcomesTest, AKeptAnswerIsScoredOnceThoughItsReportIsSentAgain) {
   EXPECT_EQ(Counted("scored") - scored, 1.0);
   report.clear_request_id();
   EXPECT_THAT(Refusal(*stub, report), HasSubstr("not scored yet"));
+}
+
+TEST_F(OutcomesTest, CountsATargetThatIsFasterThanAllThatTheModelWasTrainedOn) {
+  v1::GetModelVersionRequest request;
+  request.set_name("models/tiny/versions/1");
+  v1::ModelVersion version;
+  grpc::ClientContext context;
+  const auto found =
+      v1::ModelService::NewStub(server().channel())->GetModelVersion(&context, request, &version);
+  ASSERT_TRUE(found.ok()) << found.error_message();
+  ASSERT_EQ(version.manifest().input_ranges_size(), 3);
+  const v1::ValueRange& trained = version.manifest().input_ranges().at("speed");
+  EXPECT_THAT(Run({"model", "show", "tiny/1"}), HasSubstr("held-out inputs"));
+  const auto outside = [this] {
+    return std::max(0.0, ValueOf(MetricsPage(server()),
+                                 "maneuver_outcome_outside_training_total{input=\"speed\","
+                                 "model_version=\"tiny/1\"}"));
+  };
+  const auto stub = v1::OutcomeService::NewStub(server().channel());
+  // A target within the range, and then twice the highest speed.
+  for (v1::ReportOutcomesRequest report : ReportsOf(trained_->unseen())) {
+    v1::Outcome& outcome = *report.mutable_outcomes(0);
+    outcome.set_model("models/tiny/versions/1");
+    v1::TargetOutcome& target = *outcome.mutable_targets(0);
+    auto& agents = *outcome.mutable_scenario()->mutable_agents();
+    v1::Agent& agent = *std::find_if(agents.begin(), agents.end(), [&](const v1::Agent& each) {
+      return each.id() == target.target_id();
+    });
+    const double speed = SpeedAt(agent, outcome.scenario().prediction_time());
+    if (speed < 5.0 || speed > 0.9 * trained.high()) continue;
+    const double before = outside();
+    EXPECT_EQ(Refusal(*stub, report), "");
+    EXPECT_EQ(outside(), before);
+    Accelerate(2.0 * trained.high() / speed, *agent.mutable_states());
+    Accelerate(2.0 * trained.high() / speed, *target.mutable_states());
+    EXPECT_EQ(Refusal(*stub, report), "");
+    EXPECT_EQ(outside(), before + 1.0);
+    return;
+  }
+  FAIL() << "no target is within the range";
 }
 
 TEST_F(OutcomesTest, CollectedOutcomesRecalibrateAndTrain) {

@@ -127,6 +127,11 @@ def outcomes():
                       "- rate(maneuver_outcome_likeliest_responsibility_total{SERVER}[1h])))) "
                       "/ sum by (model_version) (rate(maneuver_outcome_likeliest_total{SERVER}[1h]))",
                       "{{model_version}}")], "percentunit", least=0),
+        curves("Does the fleet meet what the model was trained on?",
+               "Share of the outcomes whose target is faster or slower than all held-out examples of the training, with more or fewer "
+               "agents, or map features within 50 m. Should be near 0: otherwise train on recordings of now.",
+               [query(share("maneuver_outcome_outside_training_total", "input"), "{{model_version}} {{input}}")], "percentunit",
+               least=0),
         curves("Are outcomes reported and scored?",
                "Targets a second. Unknown: the answer was not kept; report sooner, or raise --outcome-memory. Dropped: answers "
                "that made room for newer ones.",

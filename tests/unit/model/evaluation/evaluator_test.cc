@@ -295,6 +295,29 @@ TEST_F(EvaluatorTest, StrataCountAgentsAtThePredictionTime) {
   EXPECT_EQ(report->strata(1).examples(), 10);
 }
 
+TEST_F(EvaluatorTest, RangesOfInputsAreThoseOfTheExamples) {
+  for (size_t i = 0; i < recordings_.size(); ++i) {
+    // Features beside the vehicle, and one that is far from it.
+    for (size_t j = 0; j <= i + 5; ++j) {
+      v1::MapFeature& feature = *recordings_[i].add_map_features();
+      for (const double x : {90.0, 110.0}) {
+        feature.add_x(j == 0 ? x + 900.0 : x);
+        feature.add_y(-50.0);
+      }
+    }
+  }
+  const auto report = Evaluate(*model_, input_);
+  ASSERT_TRUE(report.ok()) << report.status();
+  const auto& ranges = report->input_ranges();
+  ASSERT_EQ(ranges.size(), 3u);
+  EXPECT_NEAR(ranges.at("speed").low(), kSpeed, 1e-3);
+  EXPECT_NEAR(ranges.at("speed").high(), kSpeed, 1e-3);
+  EXPECT_EQ(ranges.at("agents").low(), 1.0);
+  EXPECT_EQ(ranges.at("agents").high(), 20.0);
+  EXPECT_EQ(ranges.at("map").low(), 5.0);
+  EXPECT_EQ(ranges.at("map").high(), 24.0);
+}
+
 // The same vehicle drives the same way in all recordings.
 TEST_F(EvaluatorTest, RecordingsOfOneDriveFormOneGroup) {
   auto report = Evaluate(*model_, input_);

@@ -160,6 +160,12 @@ TEST_P(RecalibrationTest, MendsWrongWidthsOnOtherRecordingsAndKeepsTheNetworks) 
     EXPECT_EQ(manifest->provenance().settings().optimization().joint_epochs(), 0);
     EXPECT_GT(manifest->provenance().validation_examples(), 0);
     EXPECT_EQ(manifest->metrics().count("nll"), 1u);
+    const auto& ranges = manifest->input_ranges();
+    ASSERT_EQ(ranges.size(), 3u);
+    for (const auto& [name, range] : spoilt.manifest.input_ranges()) {
+      EXPECT_EQ(ranges.at(name).low(), range.low()) << name;
+      EXPECT_EQ(ranges.at(name).high(), range.high()) << name;
+    }
     ASSERT_EQ(manifest->actions_size(), spoilt.manifest.actions_size());
     for (int k = 0; k < manifest->actions_size(); ++k) {
       EXPECT_EQ(manifest->actions(k).label(), k == 1 ? "bend" : "");

@@ -80,6 +80,9 @@ TEST_F(TrainingTest, LearnsActionsThatPredictHeldOutArcs) {
   ASSERT_TRUE(stored.ok()) << stored.status();
   EXPECT_EQ(stored->actions_size(), 6);
   EXPECT_EQ(stored->actions(0).derived_name(), manifest->actions(0).derived_name());
+  EXPECT_GT(stored->input_ranges().at("speed").high(), 1.0);
+  EXPECT_GE(stored->input_ranges().at("agents").low(), 1.0);
+  EXPECT_GE(stored->input_ranges().at("map").low(), 1.0);
   EXPECT_THAT(folder_.Names(), testing::ElementsAre("model"));
 }
 

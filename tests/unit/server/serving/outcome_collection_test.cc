@@ -99,6 +99,53 @@ TEST_F(OutcomeCollectionTest, KeepsTheMostSurprisingAndThoseWithTheSmallestDiges
   EXPECT_EQ(written.sampled, 10);
 }
 
+TEST_F(OutcomeCollectionTest, OneEventTakesOnePlaceAmongTheSurprising) {
+  // Of each event ten overlapping outcomes; the surprising half has ten places.
+  std::vector<CollectedOutcome> all;
+  for (int event = 0; event < 12; ++event) {
+    for (int i = 0; i < 10; ++i) {
+      all.push_back(Outcome(10 * event + i, 10.0 * event + i));
+      all.back().event = "event" + std::to_string(event);
+    }
+  }
+  std::shuffle(all.begin(), all.end(), std::mt19937(5));
+  auto collection = Open();
+  for (const CollectedOutcome& outcome : all) ASSERT_TRUE(collection->Add({outcome}).ok());
+  const std::set<std::string> files = Files();
+  EXPECT_EQ(files.size(), 20u);
+  OutcomeCollection::Written written;
+  const auto ids = Recordings(*collection, &written);
+  EXPECT_EQ(written.surprising, 10);
+  for (int event = 2; event < 12; ++event) {
+    EXPECT_TRUE(ids.contains("drive-" + std::to_string(10 * event + 9))) << event;
+  }
+  // Neither a restart nor a report that is repeated changes what is kept.
+  collection = Open();
+  ASSERT_TRUE(collection->Add(all).ok());
+  EXPECT_EQ(Files(), files);
+}
+
+TEST_F(OutcomeCollectionTest, ASingleEventFillsTheSample) {
+  const auto collection = Open();
+  for (int i = 0; i < 50; ++i) {
+    CollectedOutcome outcome = Outcome(i, i);
+    outcome.event = "a";
+    ASSERT_TRUE(collection->Add({outcome}).ok());
+    ASSERT_LE(collection->bytes(), 20 * kBlock);
+  }
+  OutcomeCollection::Written written;
+  EXPECT_TRUE(Recordings(*collection, &written).contains("drive-49"));
+  EXPECT_EQ(written.surprising, 1);
+  EXPECT_EQ(written.sampled, 19);
+}
+
+TEST_F(OutcomeCollectionTest, AnEventIsWhatHappensInOneDriveAtOneTime) {
+  EXPECT_EQ(EventOf("drive#1", 10.0), EventOf("drive#2", 14.5));
+  EXPECT_NE(EventOf("drive", 10.0), EventOf("drive", 15.0));
+  EXPECT_NE(EventOf("drive", 10.0), EventOf("other", 10.0));
+  EXPECT_EQ(EventOf("", 10.0), "");
+}
+
 TEST_F(OutcomeCollectionTest, AnOutcomeThatIsReportedAgainChangesNothing) {
   auto collection = Open();
   std::vector<CollectedOutcome> outcomes;

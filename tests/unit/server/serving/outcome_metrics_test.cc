@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "server/monitoring/prometheus_metrics.h"
@@ -18,7 +19,15 @@ using ::testing::Not;
 // The fake model with what a trained one says of its validation.
 class TrainedModel final : public inference::ActionModel {
  public:
-  explicit TrainedModel(FakeNetworks& networks) : fake_(networks), manifest_(fake_.manifest()) {
+  //   highest_speed: of the held-out examples, m/s; without it, the model is of before there were
+  //   ranges of inputs
+  explicit TrainedModel(FakeNetworks& networks, std::optional<double> highest_speed = {})
+      : fake_(networks), manifest_(fake_.manifest()) {
+    if (highest_speed) {
+      for (const char* input : {"speed", "agents", "map"}) {
+        (*manifest_.mutable_input_ranges())[input].set_high(*highest_speed);
+      }
+    }
     for (int k = 0; k < kFakeActions; ++k) {
       v1::Action& action = *manifest_.add_actions();
       action.set_action_id(k);
@@ -124,6 +133,30 @@ TEST_F(OutcomeMetricsTest, LateVersionsShareOneLabel) {
   EXPECT_THAT(page, Not(HasSubstr("model_version=\"town/" + std::to_string(most + 1) + "\"")));
   EXPECT_THAT(page, HasSubstr(R"(scored_total{model_version="_others",speed="5-10 m/s"} 5)"));
   EXPECT_THAT(page, Not(HasSubstr(R"(action="0",model_version="_others")")));
+}
+
+TEST_F(OutcomeMetricsTest, CountsInputsOutsideOfWhatTheModelWasTrainedOn) {
+  const ServedModel model({"town", 3}, std::make_shared<TrainedModel>(networks_, 15.0));
+  ScoredOutcome outcome = Outcome(0.5, {0.75, 0.25, 0.0});
+  outcome.measurement.keys = {.agents = 15, .speed = 15.0, .map_features = 3};
+  metrics_.Observe(model, outcome);
+  outcome.measurement.keys = {.agents = 16, .speed = 15.5, .map_features = 3};
+  metrics_.Observe(model, outcome);
+  outcome.measurement.keys = {.agents = 2, .speed = 90.0, .map_features = 0};
+  metrics_.Observe(model, outcome);
+  const std::string page = Page();
+  const std::string name = "maneuver_outcome_outside_training_total";
+  EXPECT_THAT(page, HasSubstr(name + R"({input="speed",model_version="town/3"} 2)"));
+  EXPECT_THAT(page, HasSubstr(name + R"({input="agents",model_version="town/3"} 1)"));
+  EXPECT_THAT(page, HasSubstr(name + R"({input="map",model_version="town/3"} 0)"));
+}
+
+TEST_F(OutcomeMetricsTest, AModelWithoutRangesHasNoShareOfInputsOutside) {
+  const ServedModel model = Model(3);
+  ScoredOutcome outcome = Outcome(0.5, {0.75, 0.25, 0.0});
+  outcome.measurement.keys.speed = 90.0;
+  metrics_.Observe(model, outcome);
+  EXPECT_THAT(Page(), Not(HasSubstr("outside_training")));
 }
 
 TEST_F(OutcomeMetricsTest, CountsWhatCannotBeScored) {

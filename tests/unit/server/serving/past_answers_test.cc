@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <string>
+#include <vector>
 
 #include "server/monitoring/prometheus_metrics.h"
 
@@ -22,6 +23,46 @@ PastAnswer Answer(const std::string& scenario, const security::ModelVersionName&
   answer.version = version;
   answer.encoding.features = Eigen::VectorXf::Zero(features);
   return answer;
+}
+
+TEST(PastAnswerMakerTest, RemembersSpeedAgentsAndMapOfTheInput) {
+  std::vector<v1::Scenario> scenarios(2);
+  for (int s = 0; s < 2; ++s) {
+    v1::Scenario& scenario = scenarios[static_cast<size_t>(s)];
+    scenario.set_scenario_id(std::to_string(s));
+    scenario.set_prediction_time(2.0);
+    // The last agent has left before the prediction time.
+    for (int i = 0; i <= 3 + s; ++i) {
+      v1::Agent& agent = *scenario.add_agents();
+      agent.set_id(i);
+      for (const double time : {0.9, 1.0, 2.0}) {
+        if (i == 3 + s && time == 2.0) continue;
+        v1::AgentState& state = *agent.add_states();
+        state.set_time(time);
+        state.set_velocity_x(8.0F);
+      }
+    }
+    v1::MapFeature& feature = *scenario.add_map_features();
+    feature.add_x(10.0);
+    feature.add_y(10.0);
+  }
+  v1::ModelSpec spec;
+  spec.mutable_raster()->mutable_frame_interval()->set_nanos(100'000'000);
+  spec.mutable_raster()->set_history_frames(2);
+  PastAnswerMaker maker(kFirst, spec);
+  for (int s = 0; s < 2; ++s) {
+    for (int64_t id = 0; id < 3; ++id) {
+      Target target;
+      target.scenario = &scenarios[static_cast<size_t>(s)];
+      target.id = id;
+      const PastAnswer answer = maker.Make(target, {});
+      EXPECT_EQ(answer.version, kFirst);
+      EXPECT_EQ(answer.target_id, id);
+      EXPECT_NEAR(answer.speed, 8.0, 1e-6);
+      EXPECT_EQ(answer.agents, 3 + s);
+      EXPECT_EQ(answer.map_features, 1);
+    }
+  }
 }
 
 class PastAnswersTest : public ::testing::Test {
