@@ -1,17 +1,19 @@
 #!/usr/bin/env python3
 """A fleet meets roundabouts for the first time, is told so, learns, and is told no more.
 
-    learning_loop.py BUILD/bin [--small]
+    learning_loop.py BUILD/bin [--small] [--town-seed 1] [--model-seed 1] [--rows FILE]
 
 The model has learned a town without roundabouts. The fleet reports what happened: first in such a town, then in a
 district of roundabouts. Prometheus' own tool evaluates the rules of deploy/ on the server's metrics of each day: the
 alert for drift must be quiet on the first and fire on the second. The surprising scenes are mined, the model learns
 from them and from what the server collected, and the new version is promoted by measurement. On another day in the
 district the alert must be quiet. docs/tutorial/learning-loop.md shows the same commands, --small runs them with less.
+docs/reports/learning_loop.md has the shift of each day for several seeds, from the files of --rows.
 """
 
 import argparse
 import json
+import math
 import pathlib
 import re
 import shutil
@@ -24,18 +26,14 @@ import urllib.request
 RULES = pathlib.Path(__file__).resolve().parents[2] / "deploy/monitoring/prometheus"
 DRIFT, CALIBRATION = "ManeuverActionsDrift", "ManeuverCalibrationLost"
 SAMPLE = re.compile(r"^(maneuver_outcome_\w+)\{(.*)\} (\S+)$", re.MULTILINE)
-SMALL = json.dumps({
-    "preset": "compact",
-    "model": {
-        "raster": {"height": 32, "width": 32, "meters_per_pixel": 2, "history_frames": 2, "frame_interval": "0.5s"},
-        "backbone": {"convolutions": [{"channels": 8, "stride": 2}, {"channels": 12, "stride": 2}], "features": 48},
-        "trajectory": {"waypoints": 4, "waypoint_interval": "1s"},
-        "actions": 8, "latent_dimensions": 3,
-        "action_predictor": {"hidden": [48]}, "trajectory_encoder": {"hidden": [48]}, "decoder": {"hidden": [48]},
-        "scenario_encoder": {"hidden": [32]}},
-    "examples": {"max_examples": 1500, "validation_share": 0.25},
-    "optimization": {"pretraining_epochs": 12, "mixture_epochs": 6, "joint_epochs": 6, "posterior_epochs": 1},
-    "seed": 7, "threads": 2})
+# On straight roads alone a day is like any other, whatever its few recordings.
+SMALL = {
+    "preset": "lanes-metres",
+    "model": {"trajectory": {"waypoints": 8, "waypoint_interval": "0.5s"}, "actions": 12, "latent_dimensions": 3},
+    "examples": {"max_examples": 2000, "validation_share": 0.25},
+    "optimization": {"pretraining_epochs": 30, "mixture_epochs": 80, "joint_epochs": 4, "covariance_epochs": 1},
+    "threads": 1}
+SMALL_SIZES = {"town": 60, "day": 12, "surprising": 8, "places": ["--layout", "straight_road"]}
 
 
 class Server:
@@ -105,7 +103,8 @@ def alerts_of_day(before, after, version, folder):
 
 
 def largest_shift(before, after, version):
-    """How far the share of an action is from its share in training, at most; and the number of outcomes."""
+    """Returns how far the share of an action is from its share in training, and how far it may be before the alert
+    fires: of the action that is nearest to its limit or furthest above it. Returns the number of outcomes too."""
     def counted(name, label):
         sums = {}
         for samples, sign in ((after, 1.0), (before, -1.0)):
@@ -119,14 +118,20 @@ def largest_shift(before, after, version):
     expected = {re.search(r'action="(\d+)"', labels)[1]: value for (name, labels), value in after.items()
                 if name == "maneuver_outcome_expected_action_ratio" and f'model_version="{version}"' in labels}
     shares = counted("maneuver_outcome_action_probability_total", "action")
-    return max(abs(shares[action] / outcomes - expected[action]) for action in expected), outcomes
+    shifts = []
+    for action, usual in expected.items():
+        share = shares[action] / outcomes
+        mean = (share + usual) / 2
+        shifts.append((abs(share - usual), 0.05 + 3.0 * math.sqrt(mean * (1.0 - mean) / outcomes)))  # as the rule has it
+    return *max(shifts, key=lambda each: each[0] / each[1]), outcomes
 
 
 class Loop:
     """The steps, and what was seen of each."""
 
-    def __init__(self, server, folder, model):
-        self._server, self._folder, self._model = server, folder, model
+    def __init__(self, server, folder, model, town_seed):
+        self._server, self._folder, self._model, self._town_seed = server, folder, model, town_seed
+        self.days = {}  # name: its shift and the alert's limit
         self._began = time.monotonic()
 
     def say(self, text):
@@ -139,21 +144,23 @@ class Loop:
                                                   "json"))
         after = self._server.outcomes()
         fired = alerts_of_day(before, after, version, self._folder)
-        shift, outcomes = largest_shift(before, after, version)
+        shift, limit, outcomes = largest_shift(before, after, version)
+        self.days[recordings] = (shift, limit)
         if outcomes != scores["outcomes"]:
             raise AssertionError(f"the server counts {outcomes} outcomes, the command {scores['outcomes']}")
         self.say(f"{recordings}: {outcomes:.0f} outcomes. The best guess of {version} is {scores['metrics']['fde_1']:.2f} m"
-                 f" off at the horizon. The share of one action is {100.0 * shift:.1f} points off its share in training."
-                 f" Alerts: {', '.join(fired) or 'none'}.")
+                 f" off at the horizon. The share of one action is {100.0 * shift:.1f} points off its share in training; the"
+                 f" alert allows {100.0 * limit:.1f}. Alerts: {', '.join(fired) or 'none'}.")
         return fired
 
-    def run(self, town, day, surprising):
+    def run(self, town, day, surprising, places):
         maneuver = self._server.maneuver
         self.say("Five sets of recordings: two without roundabouts, three with nothing else.")
-        for dataset, seed, count, kind in (("town", 1, town, "--without"), ("usual-day", 2, day, "--without"),
-                                           ("first-day", 3, 2 * day, "--layout"), ("next-day", 4, day, "--layout"),
-                                           ("unseen", 5, day, "--layout")):
-            maneuver("synthesize", dataset, "--recordings", count, "--seed", seed, kind, "roundabout")
+        roundabouts = ["--layout", "roundabout"]
+        for i, (dataset, count, kind) in enumerate((
+                ("town", town, places), ("usual-day", day, places), ("first-day", 2 * day, roundabouts),
+                ("next-day", day, roundabouts), ("unseen", day, roundabouts))):
+            maneuver("synthesize", dataset, "--recordings", count, "--seed", self._town_seed + i, *kind)
         maneuver("dataset", "upload", "town", "town")
         maneuver("dataset", "upload", "unseen", "unseen")
 
@@ -194,7 +201,15 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("programs", type=pathlib.Path)
     parser.add_argument("--small", action="store_true", help="fewer recordings, a small model: some 30 s of processor time")
+    parser.add_argument("--town-seed", type=int, help="of the first set of recordings; the others count on [1; small: 51]")
+    parser.add_argument("--model-seed", type=int, help="of the training [1; small: 11]")
+    parser.add_argument("--rows", type=pathlib.Path, help="adds the shifts to this file, a Markdown table")
     arguments = parser.parse_args()
+    town_seed, model_seed = arguments.town_seed, arguments.model_seed
+    if town_seed is None:
+        town_seed = 51 if arguments.small else 1
+    if model_seed is None:
+        model_seed = 11 if arguments.small else 1
     if shutil.which("promtool") is None:
         print("skipped: promtool is not installed (Debian: prometheus)")
         return 77
@@ -203,10 +218,19 @@ def main():
         server = Server(arguments.programs.resolve(), folder)
         try:
             if arguments.small:
-                (folder / "small.json").write_text(SMALL)
-                Loop(server, folder, ["--settings", "small.json"]).run(town=40, day=8, surprising=8)
+                (folder / "small.json").write_text(json.dumps({**SMALL, "seed": model_seed}))
+                sizes, model = SMALL_SIZES, ["--settings", "small.json"]
             else:
-                Loop(server, folder, ["--set", "threads=2"]).run(town=240, day=60, surprising=50)
+                sizes = {"town": 240, "day": 60, "surprising": 50, "places": ["--without", "roundabout"]}
+                model = ["--set", "threads=2", "--set", f"seed={model_seed}"]
+            loop = Loop(server, folder, model, town_seed)
+            try:
+                loop.run(**sizes)
+            finally:
+                if arguments.rows:
+                    cells = [f"{100.0 * shift:.1f} of {100.0 * limit:.1f}" for shift, limit in loop.days.values()]
+                    with open(arguments.rows, "a") as rows:
+                        print("|", " | ".join([str(town_seed), str(model_seed), *cells]), "|", file=rows)
         finally:
             server.stop()
     return 0
