@@ -168,12 +168,11 @@ void OutcomeCollection::Insert(const std::string& digest, const Kept& kept) {
   while (surprising_bytes_ > max_bytes_ / 2) MoveToSample(surprising_.begin()->second);
 }
 
-void OutcomeCollection::MoveToSample(const std::string& digest) {
-  const std::string moved = digest;  // the argument may be in what is erased
-  Kept& kept = kept_[moved];
-  RemoveSurprising(moved, kept);
+void OutcomeCollection::MoveToSample(std::string digest) {
+  Kept& kept = kept_[digest];
+  RemoveSurprising(digest, kept);
   kept.is_surprising = false;
-  sampled_.insert(moved);
+  sampled_.insert(std::move(digest));
   sampled_bytes_ += kept.bytes;
 }
 

@@ -92,7 +92,7 @@ class OutcomeCollection {
   absl::Status AddOne(const CollectedOutcome& outcome) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Insert(const std::string& digest, const Kept& kept) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Moves one of the surprising ones into the sample.
-  void MoveToSample(const std::string& digest) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void MoveToSample(std::string digest) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void RemoveSurprising(const std::string& digest, const Kept& kept)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Erase(const std::string& digest) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);

@@ -549,6 +549,7 @@ class SessionStore final : public PostgresqlStore,
               {v1::JOB_STATE_PENDING}});
     if (!rows.ok()) return rows.status();
     std::vector<std::pair<jobs::JobNeeds, int64_t>> needs;
+    needs.reserve(static_cast<size_t>(rows->count()));
     for (int row = 0; row < rows->count(); ++row) {
       needs.push_back(
           {{rows->Bytes(row, 0), rows->Int(row, 1), rows->Int(row, 2)}, rows->Int(row, 3)});
