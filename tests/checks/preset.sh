@@ -8,6 +8,7 @@ set -euo pipefail
 cd "$(dirname "$0")/../.."
 
 preset=${1:-}
+seconds=600  # for a program
 case "$preset" in
   # The server, the client and what they stand on, and all that reads data.
   asan)
@@ -16,7 +17,10 @@ case "$preset" in
       load plot report report_command)
     ;;
   # By GCC, since clang 14 does not compile LibTorch's headers. .ci/run has no time for them.
-  asan-gcc) programs=(learning mixed_training) ;;
+  asan-gcc)
+    programs=(learning mixed_training)
+    seconds=3600
+    ;;
   # Libraries with threads, without gRPC, which is not instrumented.
   tsan) programs=(locks machine files monitoring serving jobs store) ;;
   # The kernels as the packages hold them, on each target of this processor and plain.
@@ -37,11 +41,12 @@ fi
 export TSAN_OPTIONS=ignore_noninstrumented_modules=1 UBSAN_OPTIONS=print_stacktrace=1
 run() {
   local log=build/checks/$1-$2.log
-  timeout 600 "build/$1/tests/$2_test" --gtest_brief=1 >"$log" 2>&1 && return
+  timeout "$seconds" "build/$1/tests/$2_test" --gtest_brief=1 >"$log" 2>&1 && return
   grep -v '^20..-..-..T' "$log" | tail -n 60 >&2  # without the servers' log lines
   echo "preset: $2_test failed with $1; all that it said is in $log" >&2
   return 1
 }
+export seconds
 export -f run
 printf '%s\n' "${programs[@]}" | xargs -P "$(nproc)" -I '{}' bash -c 'run "$@"' run "$preset" '{}' || exit 1
 echo "$preset: tests pass: ${programs[*]}"
