@@ -23,8 +23,9 @@ case "$preset" in
     ;;
   # Libraries with threads, without gRPC, which is not instrumented.
   tsan) programs=(locks machine files monitoring serving jobs store) ;;
-  # The kernels as the packages hold them, on each target of this processor and plain.
-  portable) programs=(kernels) ;;
+  # The kernels as the packages hold them, on each target of this processor and plain, and the answers
+  # of small models.
+  portable) programs=(kernels inference) ;;
   *) echo "preset: asan, asan-gcc, tsan and portable are known" >&2; exit 2 ;;
 esac
 [ $# -le 1 ] || programs=("${@:2}")
