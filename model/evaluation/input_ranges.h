@@ -1,4 +1,4 @@
-// Tells which inputs lie outside of those that a model was measured on.
+// Compares an input with the inputs on which a model was measured.
 
 #ifndef MANEUVER_MODEL_EVALUATION_INPUT_RANGES_H_
 #define MANEUVER_MODEL_EVALUATION_INPUT_RANGES_H_

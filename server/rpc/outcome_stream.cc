@@ -41,7 +41,7 @@ OutcomeStream::OutcomeStream(OutcomeScorer& scorer, OpenStreams& streams,
 void OutcomeStream::ReadOn() {
   absl::Status end;
   {
-    // The lock keeps out whoever ends the read, until it has begun.
+    // Drain and OnRefused end a read. The lock makes them wait until it has begun.
     const MutexLock lock(mutex_);
     end = early_end_;
     if (end.ok()) {

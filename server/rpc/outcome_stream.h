@@ -48,7 +48,8 @@ class OutcomeStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grp
   void Answer(const v1::StreamOutcomesResponse& answer);
   // Reads the next report, unless the stream has to end.
   void ReadOn();
-  // Ends the stream. Called once: by what works on a report, or by whoever has ended a read.
+  // Finishes the call. The step that works on a report calls it, or, while a read is pending, the
+  // method that ended the read; never both.
   void End(const absl::Status& status);
 
   OutcomeScorer& scorer_;

@@ -34,7 +34,7 @@ std::string Word(uint32_t number) {
 
 void Pad(std::string* bytes) { bytes->resize((bytes->size() + 7) / 8 * 8, '\0'); }
 
-// Returns a file with this head, and with a column for each of those that the head names.
+// Returns a file that begins with this head and has the columns that the head names.
 std::string FileWith(tags::TagHead head) {
   const int64_t rows = head.rows() < 0 || head.rows() > kMostRows ? 0 : head.rows();
   std::string columns;

@@ -53,6 +53,21 @@ class OutcomeServiceTest : public ServerTest {
     grpc::ClientContext context;
     return outcome_stub_->ReportOutcomes(&context, UnknownAnswer(request_id), response);
   }
+  // Sends a report twice on one stream, and returns both answers.
+  std::vector<v1::StreamOutcomesResponse> ReportTwiceOnAStream() {
+    grpc::ClientContext context;
+    const auto stream = outcome_stub_->StreamOutcomes(&context);
+    v1::StreamOutcomesRequest request;
+    *request.mutable_report() = UnknownAnswer();
+    std::vector<v1::StreamOutcomesResponse> answers(2);
+    for (v1::StreamOutcomesResponse& answer : answers) {
+      EXPECT_TRUE(stream->Write(request));
+      EXPECT_TRUE(stream->Read(&answer));
+    }
+    stream->WritesDone();
+    EXPECT_TRUE(stream->Finish().ok());
+    return answers;
+  }
   // Returns how many targets were counted: each is of an answer that is not kept.
   double Counted() const {
     const std::string page = metrics_->Page();
@@ -201,36 +216,18 @@ TEST_F(OutcomeServiceTest, AStreamRefusesWhatIsNoReportAndGoesOn) {
 
 TEST_F(OutcomeServiceTest, AStreamRefusesReportsWhenTooManyWaitAndGoesOn) {
   Start(0);
-  grpc::ClientContext context;
-  const auto stream = outcome_stub_->StreamOutcomes(&context);
-  v1::StreamOutcomesRequest request;
-  *request.mutable_report() = UnknownAnswer("a");
-  v1::StreamOutcomesResponse answer;
-  for (int i = 0; i < 2; ++i) {
-    ASSERT_TRUE(stream->Write(request));
-    ASSERT_TRUE(stream->Read(&answer));
+  for (const v1::StreamOutcomesResponse& answer : ReportTwiceOnAStream()) {
     EXPECT_EQ(answer.error().code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
   }
-  stream->WritesDone();
-  EXPECT_TRUE(stream->Finish().ok());
 }
 
 TEST_F(OutcomeServiceTest, EachReportOfAStreamCountsAgainstTheCallersLimit) {
   security::AccessOptions access;
   access.targets_per_second = 1e-3;
   Start(1, access);
-  grpc::ClientContext context;
-  const auto stream = outcome_stub_->StreamOutcomes(&context);
-  v1::StreamOutcomesRequest request;
-  *request.mutable_report() = UnknownAnswer();
-  v1::StreamOutcomesResponse answer;
-  for (int i = 0; i < 2; ++i) {
-    ASSERT_TRUE(stream->Write(request));
-    ASSERT_TRUE(stream->Read(&answer));
-  }
-  EXPECT_EQ(answer.error().code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
-  stream->WritesDone();
-  EXPECT_TRUE(stream->Finish().ok());
+  const auto answers = ReportTwiceOnAStream();
+  EXPECT_TRUE(answers[0].has_response());
+  EXPECT_EQ(answers[1].error().code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
 }
 
 TEST_F(OutcomeServiceTest, AStreamEndsWithTheServerOnceItsReportIsAnswered) {
