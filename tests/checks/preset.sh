@@ -12,8 +12,8 @@ seconds=600  # for a program
 case "$preset" in
   # The server, the client and what they stand on, and all that reads data.
   asan)
-    programs=(kernels locks machine files probability scene artifact onnx data commonroad nuscenes
-      argoverse mixed_sources town evaluation tags errors security monitoring serving jobs store rpc options client command
+    programs=(kernels locks machine files probability scene artifact inference onnx data commonroad
+      nuscenes argoverse mixed_sources town evaluation tags errors security monitoring serving jobs store rpc options client command
       load plot report report_command)
     ;;
   # By GCC, since clang 14 does not compile LibTorch's headers. .ci/run has no time for them.

@@ -380,13 +380,13 @@ ReferenceModel::Values ReferenceModel::Linear(const std::string& name, const Val
   const std::vector<int64_t>& shape = Shape(name + ".weight");
   const size_t inputs = static_cast<size_t>(shape.back());
   const size_t outputs = static_cast<size_t>(shape[shape.size() - 2]);
+  const std::vector<float>& weight = Tensor(name + ".weight");
+  const bool has_bias = model_.weights.contains(name + ".bias");
   Values y(outputs);
   for (size_t o = 0; o < outputs; ++o) {
     const size_t row = static_cast<size_t>(network) * outputs + o;
-    if (model_.weights.contains(name + ".bias")) y[o] = Tensor(name + ".bias")[row];
-    for (size_t i = 0; i < inputs; ++i) {
-      y[o] += double{Tensor(name + ".weight")[row * inputs + i]} * x.at(i);
-    }
+    if (has_bias) y[o] = Tensor(name + ".bias")[row];
+    for (size_t i = 0; i < inputs; ++i) y[o] += double{weight[row * inputs + i]} * x.at(i);
   }
   return y;
 }
