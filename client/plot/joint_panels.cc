@@ -104,14 +104,27 @@ std::string JointPanels::NameOf(const Part& part) const {
                       label.empty() ? "" : ", ", label);
 }
 
-Box JointPanels::LegendBox(const Panel& panel, const Box& box) const {
+// Returns the upper corner where the legend covers less of what the targets may do.
+Box JointPanels::LegendBox(const Panel& panel, const ScenePanel& scene) const {
+  const Box& box = scene.axes.box();
   double width = 0.0;
   for (const Part& part : panel.parts) {
     width = std::max(width, Canvas::TextWidth(NameOf(part), kLetters));
   }
   width += 52.0;
-  return {box.right() - width - 10.0, box.top + 10.0, width,
-          kRow * static_cast<double>(panel.parts.size()) + 14.0};
+  const double height = kRow * static_cast<double>(panel.parts.size()) + 14.0;
+  const Box right{box.right() - width - 10.0, box.top + 10.0, width, height};
+  const Box left{box.left + 10.0, box.top + 10.0, width, height};
+  const auto covered = [&](const Box& corner) {
+    int64_t points = 0;
+    for (const Part& part : panel.parts) {
+      points += std::ranges::count_if(part.mean, [&](const scene::Point2& p) {
+        return corner.Holds(scene.FromWorld(p.x, p.y));
+      });
+    }
+    return points;
+  };
+  return covered(left) < covered(right) ? left : right;
 }
 
 void JointPanels::DrawLegend(const Panel& panel, const Box& frame, Canvas* canvas) const {
@@ -135,7 +148,7 @@ void JointPanels::Draw(int index, const Box& cell, Canvas* canvas) const {
   DrawSignals(panel, canvas);
   DrawOtherAgents(panel, shown.parts.front().agent->id(), canvas);
   for (const Part& part : shown.parts) DrawTarget(panel, *part.agent, canvas);
-  const Box legend = LegendBox(shown, box);
+  const Box legend = LegendBox(shown, panel);
   LabelPlacer placer(box);
   placer.Occupy(legend);
   for (const Part& part : shown.parts) {

@@ -9,6 +9,7 @@
 #include "absl/status/status.h"
 #include "client/plot/axes.h"
 #include "client/plot/canvas.h"
+#include "client/plot/scene_layers.h"
 #include "client/plot/scene_plot_options.h"
 #include "maneuver/v1/prediction_service.pb.h"
 #include "maneuver/v1/scenario.pb.h"
@@ -50,7 +51,7 @@ class JointPanels {
   absl::Status Read(int target, int action, Part* part) const;
   Extent Shown() const;
   std::string NameOf(const Part& part) const;
-  Box LegendBox(const Panel& panel, const Box& box) const;
+  Box LegendBox(const Panel& panel, const ScenePanel& scene) const;
   void DrawLegend(const Panel& panel, const Box& frame, Canvas* canvas) const;
 
   const v1::Scenario& scenario_;
