@@ -27,6 +27,7 @@ struct PredictArguments {
   std::optional<double> min_probability;
   std::optional<int64_t> top_k;
   std::optional<int64_t> representatives;
+  std::optional<int64_t> joint;
   bool prior = false;
   std::string frame = "world";
   std::optional<double> deadline;
@@ -52,6 +53,7 @@ v1::DistributionQuery Query(const PredictArguments& arguments) {
     query.set_min_probability(*arguments.min_probability);
   }
   query.set_representatives(static_cast<int32_t>(arguments.representatives.value_or(0)));
+  query.set_joint_combinations(static_cast<int32_t>(arguments.joint.value_or(0)));
   query.set_source(arguments.prior ? v1::LATENT_SOURCE_PRIOR : v1::LATENT_SOURCE_POSTERIOR);
   query.set_frame(arguments.frame == "target" ? v1::FRAME_TARGET : v1::FRAME_WORLD);
   return query;
@@ -164,6 +166,50 @@ void PrintRepresentatives(const Predictions& predictions, double horizon, const 
     }
   }
   environment.out << table.Text(environment.color);
+}
+
+// Combinations of the targets' actions, the most probable first: a row for each target.
+void PrintJoint(const Predictions& predictions, const ActionTitles& titles,
+                Environment& environment) {
+  Table table({{"SCENARIO"},
+               {"COMBINATION", Align::kRight},
+               {"WEIGHT", Align::kRight},
+               {"PROBABILITY", Align::kRight},
+               {"TARGET", Align::kRight},
+               {"ACTION", Align::kRight},
+               {"NAME"}});
+  for (const v1::ScenarioPrediction& prediction : predictions) {
+    const v1::JointPrediction& joint = prediction.joint();
+    for (int n = 0; n < joint.combinations_size(); ++n) {
+      const v1::JointCombination& combination = joint.combinations(n);
+      const int targets = std::min(joint.target_ids_size(), combination.action_ids_size());
+      for (int i = 0; i < targets; ++i) {
+        const int action = combination.action_ids(i);
+        table.Add({n == 0 && i == 0 ? prediction.scenario_id() : "",
+                   i == 0 ? absl::StrCat(n + 1) : "", i == 0 ? Share(combination.weight()) : "",
+                   i == 0 ? Share(std::exp(combination.log_probability())) : "",
+                   absl::StrCat(joint.target_ids(i)), absl::StrCat(action),
+                   TitleOf(titles, action)});
+      }
+    }
+  }
+  environment.out << table.Text(environment.color);
+}
+
+// Says where there are no combinations, or fewer than there may be.
+void ReportJoint(const Predictions& predictions, Environment& environment) {
+  for (const v1::ScenarioPrediction& prediction : predictions) {
+    if (!prediction.has_joint()) continue;
+    const v1::JointPrediction& joint = prediction.joint();
+    if (joint.truncated()) {
+      environment.err << prediction.scenario_id()
+                      << ": the search for combinations ended at its bound, with "
+                      << joint.combinations_size() << " of them; ask for fewer targets at once\n";
+    } else if (joint.combinations().empty()) {
+      environment.err << prediction.scenario_id()
+                      << ": two targets would collide in every combination of actions\n";
+    }
+  }
 }
 
 // The mean trajectory at the last waypoint and how far one standard deviation reaches there.
@@ -287,7 +333,12 @@ int Finish(const PredictArguments& arguments, const std::vector<v1::Scenario>& s
       PrintRepresentatives(answer.predictions(), horizon, arguments.frame, answer.action_names(),
                            environment);
     }
+    if (arguments.joint) {
+      environment.out << "\n";
+      PrintJoint(answer.predictions(), answer.action_names(), environment);
+    }
   }
+  ReportJoint(answer.predictions(), environment);
   bool all_well = ReportItems(answer.predictions(), environment);
   if (arguments.plot) {
     all_well &= DrawAll(scenarios, answer.predictions(), horizon, answer.model_version(), arguments,
@@ -345,6 +396,9 @@ void AddQueryOptions(Command& command, PredictArguments* arguments) {
   command.Option("--representatives", &arguments->representatives, 1, 1'000'000,
                  "Choose and describe this many actions that cover the mixture; the first is the "
                  "medoid, the best single answer");
+  command.Option("--joint", &arguments->joint, 1, 64,
+                 "Find this many combinations of the targets' actions, without collisions; at most "
+                 "8 targets");
   command.Flag("--prior", &arguments->prior,
                "Describe generic actions, p(z|y), instead of actions in this scene");
   command.Choice("--frame", &arguments->frame, {"world", "target"}, "Frame of the trajectories");
@@ -386,6 +440,7 @@ void AddPredict(Command& root, Environment& environment) {
       root.Add("predict", "Probabilities and distributions of actions",
                "Example: maneuver predict scene.json --plot scene.png\n"
                "         maneuver predict scene.json --representatives 6 --plot scene.png\n"
+               "         maneuver predict scene.json --joint 6 --plot scene.png\n"
                "         maneuver predict *.json --model town@candidate --output json");
   AddCommonOptions(predict, arguments.get());
   AddQueryOptions(predict, arguments.get());

@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/plot/canvas.h"
+#include "client/plot/joint_panels.h"
 #include "client/plot/picture_size.h"
 #include "client/plot/scene_layers.h"
 #include "client/plot/target_panel.h"
@@ -15,9 +16,28 @@
 namespace maneuver::plot {
 namespace {
 
+absl::StatusOr<std::string> PaintJoint(const v1::Scenario& scenario,
+                                       const v1::ScenarioPrediction& prediction,
+                                       const ScenePlotOptions& options) {
+  JointPanels panels(scenario, prediction, options);
+  absl::Status status = panels.Prepare();
+  if (!status.ok()) return status;
+  const GridShape grid = ShapeOf(panels.size());
+  const int width = options.width > 0 ? options.width : 1000 * grid.columns;
+  const int height = options.height > 0 ? options.height : 700 * grid.rows;
+  status = CheckSize(width, height);
+  if (!status.ok()) return status;
+  Canvas canvas(width, height, {15, 16, 20});
+  for (int i = 0; i < panels.size(); ++i) {
+    panels.Draw(i, CellOf(grid, i, {0.0, 0.0, double(width), double(height)}), &canvas);
+  }
+  return canvas.EncodePng();
+}
+
 absl::StatusOr<std::string> PaintScene(const v1::Scenario& scenario,
                                        const v1::ScenarioPrediction& prediction,
                                        const ScenePlotOptions& options) {
+  if (!prediction.joint().combinations().empty()) return PaintJoint(scenario, prediction, options);
   std::optional<scene::RoadMap> map;
   if (options.lane_paths) map.emplace(scene::RoadMap::Over(scenario.map_features()));
   std::vector<TargetPanel> panels;

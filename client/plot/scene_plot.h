@@ -19,7 +19,13 @@ namespace maneuver::plot {
 //   - each action in its own colour, its sigma trajectories thin and its mean thick.
 // If the answer names representatives, only these are drawn like that, whatever their probability,
 // numbered 1 .. k with their weights. The medoid, number 1, is thickest and ends in a white ring.
-// Other actions then show only a thin mean. `lane_paths` adds the target's lane paths
+// Other actions then show only a thin mean.
+//
+// If the answer names joint combinations, the picture has a panel for each of them instead, at most
+// nine, in the frame of the first target: what each target does in it, in a colour of its own, with
+// a dot each second. `lane_paths` has no effect there.
+//
+// `lane_paths` adds the target's lane paths
 // (model/scene/lane_paths.h) in turquoise, rings around the leaders on them, and marks at their
 // signals and stop signs. Returns a PNG file; the same input gives the same file. INVALID_ARGUMENT
 // if there is no target to draw, a trajectory has unequal numbers of x and y, or a side is not 200

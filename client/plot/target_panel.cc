@@ -10,19 +10,14 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client/plot/label_placer.h"
+#include "client/plot/panel_layout.h"
 
 namespace maneuver::plot {
 namespace {
 
-constexpr double kHeader = 46.0;      // pixels over each panel
-constexpr double kLeftMargin = 76.0;  // for the numbers of the axis
-constexpr double kRightMargin = 18.0;
-constexpr double kLowerMargin = 54.0;
 constexpr double kLeastWidth = 60.0;  // metres that a panel shows at least
 constexpr double kLeastHeight = 40.0;
 constexpr double kOnFoot = 0.4;      // factor of both for pedestrians, who walk about 7 m in 5 s
-constexpr double kRow = 20.0;        // of the legend
-constexpr double kLetters = 10.0;    // height of its capitals
 constexpr double kBar = 70.0;        // pixels of probability 1
 constexpr double kMedoidLine = 5.0;  // widths of means, pixels
 constexpr double kFaintLine = 1.6;
@@ -172,8 +167,7 @@ Extent TargetPanel::Shown() const {
 
 void TargetPanel::Draw(const Box& cell, const Extent& shown, const Style& style,
                        Canvas* canvas) const {
-  const Box box{cell.left + kLeftMargin, cell.top + kHeader,
-                cell.width - kLeftMargin - kRightMargin, cell.height - kHeader - kLowerMargin};
+  const Box box = AxesBox(cell);
   const ScenePanel panel{&scenario_, X_WT_, Axes(box, shown)};
   const AxesStyle axes{{96, 99, 107}, kFaintText, {31, 34, 40}};
   canvas->ClipTo(box);

@@ -129,11 +129,25 @@ void WriteItems(const Scenarios& scenarios, const PredictionPlan& plan,
   }
 }
 
+void WriteJoint(const PredictionPlan& plan, const serving::JointAnswer& answer,
+                v1::JointPrediction* proto) {
+  for (const size_t i : answer.targets) proto->add_target_ids(plan.targets[i].id);
+  for (const inference::JointCombination& each : answer.found.combinations) {
+    v1::JointCombination* combination = proto->add_combinations();
+    combination->mutable_action_ids()->Assign(each.actions.begin(), each.actions.end());
+    combination->set_log_probability(each.log_probability);
+    combination->set_weight(each.weight);
+  }
+  proto->set_truncated(answer.found.truncated);
+}
+
 }  // namespace
 
 void WritePredictions(const Scenarios& scenarios, const PredictionPlan& plan,
                       const std::vector<TargetAnswer>& answers, const AnswerStyle& style,
-                      google::protobuf::RepeatedPtrField<v1::ScenarioPrediction>* predictions) {
+                      google::protobuf::RepeatedPtrField<v1::ScenarioPrediction>* predictions,
+                      std::span<const serving::JointAnswer> joint) {
+  const int first = predictions->size();
   WriteItems(
       scenarios, plan, answers, predictions,
       [&](const serving::Target& target, const TargetAnswer& answer, v1::TargetPrediction* proto) {
@@ -152,6 +166,13 @@ void WritePredictions(const Scenarios& scenarios, const PredictionPlan& plan,
           representative->set_weight(each.weight);
         }
       });
+  for (const serving::JointAnswer& answer : joint) {
+    if (answer.targets.empty()) continue;
+    const v1::Scenario* scenario = plan.targets[answer.targets.front()].scenario;
+    int s = 0;
+    while (&scenarios[s] != scenario) ++s;
+    WriteJoint(plan, answer, predictions->Mutable(first + s)->mutable_joint());
+  }
 }
 
 void WriteClassifications(

@@ -4,6 +4,7 @@
 #ifndef MANEUVER_SERVER_RPC_PREDICTION_ANSWERS_H_
 #define MANEUVER_SERVER_RPC_PREDICTION_ANSWERS_H_
 
+#include <span>
 #include <vector>
 
 #include "maneuver/v1/prediction_service.pb.h"
@@ -21,9 +22,11 @@ struct AnswerStyle {
 
 // Append an item for each scenario, with errors where there is no answer.
 //   answers: one for each of plan.targets, in the same order
+//   joint: one for each scenario with planned targets, in their order; empty: not asked for
 void WritePredictions(const Scenarios& scenarios, const PredictionPlan& plan,
                       const std::vector<serving::TargetAnswer>& answers, const AnswerStyle& style,
-                      google::protobuf::RepeatedPtrField<v1::ScenarioPrediction>* predictions);
+                      google::protobuf::RepeatedPtrField<v1::ScenarioPrediction>* predictions,
+                      std::span<const serving::JointAnswer> joint = {});
 void WriteClassifications(
     const Scenarios& scenarios, const PredictionPlan& plan,
     const std::vector<serving::TargetAnswer>& answers,

@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "model/artifact/model_spec.h"
 #include "model/data/trajectory.h"
+#include "model/inference/joint_combinations.h"
 #include "model/scene/observation_window.h"
 #include "model/scene/scene_warnings.h"
 #include "model/scene/target_frame.h"
@@ -75,7 +76,7 @@ absl::StatusOr<ScenarioMaps> FindMaps(const Scenarios& scenarios, serving::MapCa
 
 PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& spec,
                               const scene::ScenarioLimits& limits, bool classify, ScenarioMaps maps,
-                              bool strict, std::span<const std::string> paths) {
+                              bool strict, std::span<const std::string> paths, bool joint) {
   PredictionPlan plan{.scenarios = {}, .targets = {}, .maps = std::move(maps)};
   plan.maps.resize(static_cast<size_t>(scenarios.size()));
   const double tolerance = scene::WindowOf(spec).tolerance();
@@ -92,6 +93,12 @@ PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& s
     }
     if (scenario.target_ids().empty()) {
       violations.push_back({"target_ids", "name at least one agent to predict"});
+    }
+    if (joint && scenario.target_ids_size() > static_cast<int>(inference::kMostJointTargets)) {
+      violations.push_back({"target_ids", absl::StrCat("query.joint_combinations combines at most ",
+                                                       inference::kMostJointTargets,
+                                                       " targets; name those that "
+                                                       "interact, or ask for several scenarios")});
     }
     if (!violations.empty()) {
       planned.status = errors::InvalidFields(violations, path);

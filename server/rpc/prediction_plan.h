@@ -59,10 +59,11 @@ absl::StatusOr<ScenarioMaps> FindMaps(const Scenarios& scenarios, serving::MapCa
 //   maps: from FindMaps.
 //   strict: refuse a scenario that has warnings.
 //   paths: where each scenario is in the request; empty: scenarios[0] and so on.
+//   joint: the actions of a scenario's targets are combined: refuse more targets than that can.
 PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& spec,
                               const scene::ScenarioLimits& limits, bool classify,
                               ScenarioMaps maps = {}, bool strict = false,
-                              std::span<const std::string> paths = {});
+                              std::span<const std::string> paths = {}, bool joint = false);
 
 }  // namespace maneuver::rpc
 

@@ -31,6 +31,12 @@ absl::StatusOr<serving::DescribeActions> ParseQuery(const v1::DistributionQuery&
                                 absl::StrCat("expected 0 to ", actions, ", as many as actions"));
   }
   describe.representatives = query.representatives();
+  if (query.joint_combinations() < 0 ||
+      query.joint_combinations() > inference::kMostJointCombinations) {
+    return errors::InvalidField("query.joint_combinations",
+                                absl::StrCat("expected 0 to ", inference::kMostJointCombinations));
+  }
+  describe.combinations = query.joint_combinations();
   switch (query.selection_case()) {
     case v1::DistributionQuery::kActionIds: {
       serving::ActionIds chosen;

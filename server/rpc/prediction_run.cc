@@ -85,7 +85,9 @@ absl::Status PredictionRun::Submit(serving::ModelHandle model) {
   auto maps = FindMaps(*io_.scenarios, context_.maps);
   if (!maps.ok()) return maps.status();
   plan_ = PlanPrediction(*io_.scenarios, spec, context_.limits,
-                         /*classify=*/io_.classifications != nullptr, *std::move(maps), io_.strict);
+                         /*classify=*/io_.classifications != nullptr, *std::move(maps), io_.strict,
+                         /*paths=*/{},
+                         /*joint=*/io_.query != nullptr && io_.query->joint_combinations() > 0);
   *io_.model_version = model->name().ToString();
   if (io_.waypoint_times != nullptr) {
     const auto times = artifact::WaypointTimes(spec.trajectory());
@@ -160,7 +162,7 @@ void PredictionRun::Answer(std::vector<serving::TargetAnswer> answers) {
       style.sigma_trajectories = !io_.query->omit_sigma_trajectories();
       style.frame = io_.query->frame();
     }
-    WritePredictions(*io_.scenarios, plan_, answers, style, io_.predictions);
+    WritePredictions(*io_.scenarios, plan_, answers, style, io_.predictions, call_->joint);
     if (context_.past_answers != nullptr) KeepAnswers(answers);
   }
   memory_.ShrinkTo(MessageBytes());

@@ -93,6 +93,9 @@ absl::Status CheckAnswer(const TargetAnswer& answer) {
       return Unsound("the weights of its representatives do not sum to 1");
     }
   }
+  if (!AllFinite(answer.joint.means)) {
+    return Unsound("a trajectory to combine with those of other targets is not finite");
+  }
   if (answer.classification) {
     const inference::Classification& classification = *answer.classification;
     if (!std::isfinite(classification.log_likelihood_bound)) {

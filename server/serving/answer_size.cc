@@ -23,7 +23,10 @@ int64_t MostActions(const DescribeActions& question, int actions) {
       most = static_cast<int64_t>(std::min(1e9, 1.0 / least->probability + 1e-6));
     }
   }
-  return std::min<int64_t>(most + question.representatives, actions);
+  // Combinations share their actions.
+  const auto combined =
+      std::min<int64_t>(question.combinations, int64_t{inference::kMostJointActions});
+  return std::min<int64_t>(most + question.representatives + combined, actions);
 }
 
 }  // namespace
@@ -41,13 +44,17 @@ int64_t MostBytesOfTarget(const v1::ModelSpec& spec, const Question& question,
   const int64_t distribution =
       2 * Numbers(latents) + trajectories * trajectory + moments + 4 * kField;
   const int64_t representatives = int64_t{describe->representatives} * 3 * kField;
-  return std::max(kTargetErrorBytes, probabilities + representatives + 4 * kField +
+  // Its id beside the combinations, and its action in each of them.
+  const int64_t joint = int64_t{describe->combinations} * kField + 2 * kField;
+  return std::max(kTargetErrorBytes, probabilities + representatives + joint + 4 * kField +
                                          MostActions(*describe, spec.actions()) * distribution);
 }
 
 int64_t MostBytesOfAnswer(const v1::ModelSpec& spec, const Question& question,
                           bool sigma_trajectories, int scenarios, int targets) {
-  return scenarios * kScenarioBytes +
+  const auto* describe = std::get_if<DescribeActions>(&question);
+  const int64_t combinations = describe == nullptr ? 0 : describe->combinations;
+  return scenarios * (kScenarioBytes + combinations * 5 * kField) +
          targets * MostBytesOfTarget(spec, question, sigma_trajectories);
 }
 

@@ -11,6 +11,7 @@
 #include "server/monitoring/logging.h"
 #include "server/serving/admission.h"
 #include "server/serving/answer_check.h"
+#include "server/serving/joint_answer.h"
 
 namespace maneuver::serving {
 namespace {
@@ -32,16 +33,25 @@ TargetAnswer Failure(absl::Status status) {
   return answer;
 }
 
-// Records an answer; the last one of a call answers it.
-void Answer(const TargetQueue::Item& item, TargetAnswer answer) {
-  PredictionCall& call = *item.call;
-  call.answers[item.target] = std::move(answer);
-  // acq_rel: whoever counts to zero sees the answers of all others.
-  if (call.unanswered.fetch_sub(1, std::memory_order_acq_rel) == 1) {
-    // What `done` holds, perhaps the call itself, is let go with it.
-    const auto done = std::exchange(call.done, nullptr);
-    done(std::move(call.answers));
+// Prepares the sets of targets that are combined, if the call asks for that.
+void PrepareSets(PredictionCall* call) {
+  const auto* describe = std::get_if<DescribeActions>(&call->question);
+  if (describe == nullptr || describe->combinations == 0) return;
+  const std::vector<TargetRange> ranges = ScenariosOf(call->targets);
+  call->joint.resize(ranges.size());
+  call->joint_sets = std::vector<PredictionCall::JointSet>(ranges.size());
+  for (size_t i = 0; i < ranges.size(); ++i) {
+    call->joint_sets[i].range = ranges[i];
+    call->joint_sets[i].unanswered.store(ranges[i].end - ranges[i].begin,
+                                         std::memory_order_relaxed);
   }
+}
+
+// Returns the set that a target is in.
+size_t SetOf(const PredictionCall& call, size_t target) {
+  const auto after = std::ranges::upper_bound(call.joint_sets, target, {},
+                                              [](const auto& set) { return set.range.begin; });
+  return static_cast<size_t>(after - call.joint_sets.begin()) - 1;
 }
 
 }  // namespace
@@ -68,7 +78,8 @@ BatchScheduler::~BatchScheduler() {
   wake_.NotifyAll();
   for (std::thread& worker : workers_) worker.join();
   for (const TargetQueue::Item& item : waiting) {
-    Answer(item, Failure(absl::UnavailableError("the server is shutting down; try again")));
+    Answer(item, Failure(absl::UnavailableError("the server is shutting down; try again")),
+           nullptr);
   }
 }
 
@@ -104,6 +115,7 @@ absl::Status BatchScheduler::Submit(CallPtr call) {
   }
   call->answers.resize(targets);
   call->unanswered.store(targets, std::memory_order_relaxed);
+  PrepareSets(call.get());
 
   absl::Status status;
   std::vector<TargetQueue::Item> dead;
@@ -191,7 +203,39 @@ void BatchScheduler::Drop(const std::vector<TargetQueue::Item>& items, TimePoint
   for (const TargetQueue::Item& item : items) {
     absl::Status status = item.call->Alive(now);
     CountDead(status, passed, 1);
-    Answer(item, Failure(std::move(status)));
+    Answer(item, Failure(std::move(status)), nullptr);
+  }
+}
+
+void BatchScheduler::Answer(const TargetQueue::Item& item, TargetAnswer answer,
+                            inference::InferenceSession* session) {
+  PredictionCall& call = *item.call;
+  call.answers[item.target] = std::move(answer);
+  // acq_rel, here and below: whoever counts to zero sees the answers of all others.
+  if (!call.joint_sets.empty()) {
+    const size_t set = SetOf(call, item.target);
+    const bool last = call.joint_sets[set].unanswered.fetch_sub(1, std::memory_order_acq_rel) == 1;
+    if (last && session != nullptr) Combine(call, set, *session);
+  }
+  if (call.unanswered.fetch_sub(1, std::memory_order_acq_rel) == 1) {
+    // What `done` holds, perhaps the call itself, is let go with it.
+    const auto done = std::exchange(call.done, nullptr);
+    done(std::move(call.answers));
+  }
+}
+
+void BatchScheduler::Combine(PredictionCall& call, size_t set,
+                             inference::InferenceSession& session) {
+  const double interval = artifact::WaypointInterval(call.model->model().spec().trajectory());
+  const TargetRange range = call.joint_sets[set].range;
+  std::vector<bool> sound;
+  for (size_t i = range.begin; i < range.end; ++i) sound.push_back(call.answers[i].status.ok());
+  call.joint[set] = CombineTargets(std::get<DescribeActions>(call.question), call.targets, range,
+                                   interval, session, call.answers);
+  for (size_t i = range.begin; i < range.end; ++i) {
+    if (!sound[i - range.begin] || call.answers[i].status.ok()) continue;
+    metrics_.unsound.Increment();
+    LogUnsound(call, call.targets[i], call.answers[i].status);
   }
 }
 
@@ -276,14 +320,18 @@ absl::Status BatchScheduler::Describe(const TargetQueue::Item& item,
     status = CheckAnswer(*answer);
   }
   (status.ok() ? metrics_.answered : metrics_.unsound).Increment();
-  if (!status.ok() && !fault_lines_.Take("", 1.0)) {
-    monitoring::Log(monitoring::LogLevel::kError, "unsound answer withheld",
-                    {{"model_version", call.model->name().ToString()},
-                     {"scenario_sha256", files::Sha256Hex(target.scenario->SerializeAsString())},
-                     {"target_id", target.id},
-                     {"reason", std::string(status.message())}});
-  }
+  if (!status.ok()) LogUnsound(call, target, status);
   return status;
+}
+
+void BatchScheduler::LogUnsound(const PredictionCall& call, const Target& target,
+                                const absl::Status& status) {
+  if (fault_lines_.Take("", 1.0)) return;  // it says how long to wait
+  monitoring::Log(monitoring::LogLevel::kError, "unsound answer withheld",
+                  {{"model_version", call.model->name().ToString()},
+                   {"scenario_sha256", files::Sha256Hex(target.scenario->SerializeAsString())},
+                   {"target_id", target.id},
+                   {"reason", std::string(status.message())}});
 }
 
 void BatchScheduler::RunBatch(std::vector<TargetQueue::Item> items) {
@@ -318,7 +366,8 @@ void BatchScheduler::RunBatch(std::vector<TargetQueue::Item> items) {
     TargetAnswer answer;
     absl::Status status =
         Describe(rows[i].item, std::move(encodings[i]), engine->session(), &answer);
-    Answer(rows[i].item, status.ok() ? std::move(answer) : Failure(std::move(status)));
+    Answer(rows[i].item, status.ok() ? std::move(answer) : Failure(std::move(status)),
+           &engine->session());
   }
   metrics_.describe_time.Observe(Seconds(options_.now() - start));
 }

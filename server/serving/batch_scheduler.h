@@ -79,6 +79,15 @@ class BatchScheduler {
   // invalid (answer_check.h); that is counted, and logged with the digest of the scenario.
   absl::Status Describe(const TargetQueue::Item& item, inference::SceneEncoding&& encoding,
                         inference::InferenceSession& session, TargetAnswer* answer);
+  // Logs an invalid answer.
+  void LogUnsound(const PredictionCall& call, const Target& target, const absl::Status& status);
+  // Records a target's answer or error. The last answer of a scenario combines its targets, if the
+  // call asks for that. The last answer of a call answers the call.
+  //   session: nullptr where the whole call fails
+  void Answer(const TargetQueue::Item& item, TargetAnswer answer,
+              inference::InferenceSession* session);
+  // Combines the targets of a set (joint_answer.h).
+  void Combine(PredictionCall& call, size_t set, inference::InferenceSession& session);
   void CountDead(const absl::Status& status, Passed passed, size_t targets);
   // Gives each item the error of its call.
   void Drop(const std::vector<TargetQueue::Item>& items, TimePoint now, Passed passed);

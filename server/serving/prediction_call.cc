@@ -63,6 +63,15 @@ void DescribeTarget(const DescribeActions& question, const inference::SceneEncod
     SortByProbability(probabilities, &actions);
   }
   answer->distributions = session.Describe(encoding, actions, question.source);
+  answer->joint = {};
+  if (question.combinations > 0) {
+    inference::JointTarget& joint = answer->joint;
+    joint.actions = inference::JointActions(probabilities);
+    for (const int action : joint.actions) {
+      joint.log_probabilities.push_back(std::log(probabilities[action]));
+    }
+    joint.means = session.MeanTrajectories(encoding, joint.actions, question.source);
+  }
 }
 
 void ReadRaster(const Target& target, scene::SceneReader& reader, scene::SceneInputs* inputs) {

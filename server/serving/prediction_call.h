@@ -14,6 +14,7 @@
 
 #include "absl/status/status.h"
 #include "model/inference/action_model.h"
+#include "model/inference/joint_combinations.h"
 #include "model/inference/representatives.h"
 #include "model/scene/pose2.h"
 #include "model/scene/road_map.h"
@@ -47,9 +48,12 @@ std::vector<int> SelectActions(const Eigen::VectorXd& probabilities,
 
 // What to compute for each target, beside p(y|s).
 struct DescribeActions {
-  ActionSelection selection;
+  ActionSelection selection = {};
   inference::LatentSource source = inference::LatentSource::kPosterior;
   int representatives = 0;  // how many to choose, 0 .. K; they are described as well
+  // How many combinations of the actions of a scenario's targets to find, 0 .. 64; their actions
+  // are described as well.
+  int combinations = 0;
 };
 struct ClassifyTrajectory {};
 using Question = std::variant<std::monostate, DescribeActions, ClassifyTrajectory>;
@@ -80,12 +84,27 @@ struct TargetAnswer {
   inference::SceneEncoding encoding;
   std::vector<inference::ActionDistribution> distributions;  // most probable first
   std::vector<inference::Representative> representatives;    // the medoid first
+  // What CombineTargets needs of it, if combinations are asked for: actions and their trajectories.
+  inference::JointTarget joint;
   std::optional<inference::Classification> classification;
 };
 
-// Describes the requested actions in a scene, and chooses the representatives.
+// The targets of one scenario: PredictionCall::targets[begin .. end - 1].
+struct TargetRange {
+  size_t begin = 0;
+  size_t end = 0;
+};
+
+// The combinations of those targets of one scenario that have no error.
+struct JointAnswer {
+  std::vector<size_t> targets;  // indices of PredictionCall::targets, ascending
+  inference::JointCombinations found;
+};
+
+// Describes the requested actions in a scene, chooses the representatives, and finds the
+// trajectories that joint_answer.h combines.
 //   waypoint_interval: seconds between the waypoints of the session's model
-//   answer: receives distributions and representatives
+//   answer: receives distributions, representatives, and the trajectories of `joint`
 void DescribeTarget(const DescribeActions& question, const inference::SceneEncoding& encoding,
                     double waypoint_interval, inference::InferenceSession& session,
                     TargetAnswer* answer);
@@ -109,7 +128,16 @@ struct PredictionCall {
   // Returns OK while somebody waits for the answer, else CANCELLED or DEADLINE_EXCEEDED.
   absl::Status Alive(TimePoint now) const;
 
+  // The combinations of each scenario of `targets`, in their order, if `question` asks for some.
+  // Complete when `done` is called.
+  std::vector<JointAnswer> joint;
+
   // Used only by the scheduler.
+  struct JointSet {
+    TargetRange range;
+    std::atomic<size_t> unanswered = 0;  // of its targets
+  };
+  std::vector<JointSet> joint_sets;  // one for each of `joint`
   std::vector<TargetAnswer> answers;
   std::atomic<size_t> unanswered = 0;
   size_t next = 0;      // first target that no worker has taken; guarded by the scheduler

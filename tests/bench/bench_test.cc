@@ -128,6 +128,16 @@ TEST(BenchTest, DescribesRepresentativesInsteadOfTheMostProbableActions) {
   EXPECT_EQ(response.predictions(0).targets(0).distributions_size(), 6);
 }
 
+TEST(BenchTest, CombinesTheActionsOfTheTargets) {
+  const auto scenes = TownScenes(4, 1);
+  ASSERT_EQ(scenes.size(), 1u);
+  Pipeline pipeline(Compact(), {RequestFor(scenes, 2)}, 2, 0, 6);
+  v1::PredictResponse response;
+  ASSERT_TRUE(response.ParseFromString(pipeline.responses().front()));
+  EXPECT_EQ(response.predictions(0).joint().target_ids_size(), 4);
+  EXPECT_LE(response.predictions(0).joint().combinations_size(), 6);
+}
+
 TEST(BenchTest, DigestTellsWhetherAnyAnswerChanged) {
   auto scenes = TownScenes(2, 2);
   ASSERT_EQ(scenes.size(), 2u);

@@ -10,6 +10,7 @@
 #include "model/probability/responsibilities.h"
 #include "model/scene/motion_reference.h"
 #include "server/rpc/arena_messages.h"
+#include "server/serving/joint_answer.h"
 
 namespace maneuver::bench {
 namespace {
@@ -57,11 +58,12 @@ const char* StageName(Stage stage, const v1::ModelSpec& spec) {
 }
 
 Pipeline::Pipeline(const BenchModel& model, const std::vector<v1::PredictRequest>& requests,
-                   int actions, int representatives)
+                   int actions, int representatives, int combinations)
     : model_(model),
       networks_(*model.networks),
       actions_(actions),
       representatives_(representatives),
+      combinations_(combinations),
       engine_(*model.model),
       scratch_(networks_.backbone ? networks_.backbone->NewScratch() : nullptr) {
   for (const v1::PredictRequest& request : requests) {
@@ -112,6 +114,7 @@ void Pipeline::RunAll() {
     engine_.session().Encode(scenes_, encodings_);
     Describe(begin);
   }
+  Combine();
   WriteAnswers();
   Serialize();
 }
@@ -235,12 +238,27 @@ void Pipeline::LookAtLanes() {
 
 void Pipeline::Describe(size_t begin) {
   const serving::DescribeActions question{.selection = serving::TopK{actions_},
-                                          .representatives = representatives_};
+                                          .representatives = representatives_,
+                                          .combinations = combinations_};
   const double waypoint_interval = artifact::WaypointInterval(model_.model->spec().trajectory());
   for (size_t i = 0; i < encodings_.size(); ++i) {
     serving::TargetAnswer& answer = *work_[begin + i].answer;
     serving::DescribeTarget(question, encodings_[i], waypoint_interval, engine_.session(), &answer);
     answer.encoding.probabilities = encodings_[i].probabilities;
+    if (combinations_ > 0) answer.encoding = encodings_[i];
+  }
+}
+
+void Pipeline::Combine() {
+  joint_.assign(received_.size(), {});
+  if (combinations_ == 0) return;
+  const double waypoint_interval = artifact::WaypointInterval(model_.model->spec().trajectory());
+  const serving::DescribeActions question{.combinations = combinations_};
+  for (size_t i = 0; i < received_.size(); ++i) {
+    for (const serving::TargetRange& range : serving::ScenariosOf(plans_[i].targets)) {
+      joint_[i].push_back(serving::CombineTargets(
+          question, plans_[i].targets, range, waypoint_interval, engine_.session(), answers_[i]));
+    }
   }
 }
 
@@ -272,7 +290,7 @@ void Pipeline::WriteAnswers() {
     arena->Reset();
     written_.push_back(google::protobuf::Arena::CreateMessage<v1::PredictResponse>(arena));
     rpc::WritePredictions(received_[i]->scenarios(), plans_[i], answers_[i], {},
-                          written_.back()->mutable_predictions());
+                          written_.back()->mutable_predictions(), joint_[i]);
   }
 }
 

@@ -37,8 +37,9 @@ class Pipeline {
   // Prepares the pipeline. `requests` and all their targets must be valid.
   //   actions: how many of the most probable actions are described for each target
   //   representatives: how many are chosen for each target, and described as well
+  //   combinations: how many are found for each scenario; its targets must fit into a batch
   Pipeline(const BenchModel& model, const std::vector<v1::PredictRequest>& requests, int actions,
-           int representatives = 0);
+           int representatives = 0, int combinations = 0);
 
   // Runs a stage for all requests. The stages before it must have been run once. There may be at
   // most kLargestBatch targets, the most that a worker takes at once.
@@ -77,6 +78,7 @@ class Pipeline {
   // Computes the references, and the lanes' contribution to logits_.
   void LookAtLanes();
   void Describe(size_t begin);
+  void Combine();
   void WriteAnswers();
   void Serialize();
 
@@ -84,6 +86,7 @@ class Pipeline {
   const inference::PackedNetworks& networks_;
   const int actions_;
   const int representatives_;
+  const int combinations_;
   serving::Engine engine_;
   inference::Backbone::ScratchPointer scratch_;
   inference::MlpScratch mlp_scratch_;
@@ -94,6 +97,7 @@ class Pipeline {
   std::vector<v1::PredictRequest*> received_;
   std::vector<rpc::PredictionPlan> plans_;
   std::vector<std::vector<serving::TargetAnswer>> answers_;  // of each request
+  std::vector<std::vector<serving::JointAnswer>> joint_;     // of each request
   std::vector<Work> work_;                                   // of all requests
   std::vector<inference::SceneInput> scenes_;
   std::vector<float> grids_;

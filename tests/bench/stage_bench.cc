@@ -1,6 +1,7 @@
 // Each stage of an answer alone, and all together, of a model with a raster and of one with lane
 // paths, on recorded and on synthetic scenes: 8 targets of one scene; all together for one target;
-// and all together with six representatives. MANEUVER_REAL_DATA as in map_bench.cc.
+// all together with six representatives; and all together for 2, 4 and 8 targets with the two most
+// probable actions, alone and with six joint combinations. MANEUVER_REAL_DATA as in map_bench.cc.
 
 #include <benchmark/benchmark.h>
 
@@ -26,6 +27,7 @@ struct Question {
   int targets = kLargestBatch;
   int actions = kActions;
   int representatives = 0;
+  int combinations = 0;
   auto operator<=>(const Question&) const = default;
 };
 
@@ -39,9 +41,9 @@ Pipeline* FirstScene(bool recorded, const Question& question) {
         recorded ? WaymoScenes(question.targets, 1) : TownScenes(question.targets, 1);
     if (scenes.empty()) return nullptr;
     const auto model = models.try_emplace(question.preset, PresetBenchModel(question.preset)).first;
-    pipeline =
-        std::make_unique<Pipeline>(model->second, std::vector{RequestFor(scenes, question.actions)},
-                                   question.actions, question.representatives);
+    pipeline = std::make_unique<Pipeline>(
+        model->second, std::vector{RequestFor(scenes, question.actions)}, question.actions,
+        question.representatives, question.combinations);
   }
   return pipeline.get();
 }
@@ -83,6 +85,12 @@ void RegisterStageBenchmarks() {
     // Six answers per target: the most probable actions, or representatives.
     Register("six_actions", {.preset = preset, .actions = 6}, all);
     Register("six_representatives", {.preset = preset, .actions = 0, .representatives = 6}, all);
+    for (const int targets : {2, 4, 8}) {
+      const std::string name = "joint/" + std::to_string(targets) + "_targets/";
+      Register(name + "without", {.preset = preset, .targets = targets, .actions = 2}, all);
+      Register(name + "six_combinations",
+               {.preset = preset, .targets = targets, .actions = 2, .combinations = 6}, all);
+    }
   }
 }
 

@@ -72,5 +72,18 @@ TEST(WireCompatibilityTest, RepresentativesKeepTheNumbersOfOlderFields) {
   EXPECT_EQ(Field(representative, 2), "weight:double");
 }
 
+TEST(WireCompatibilityTest, CombinationsKeepTheNumbersOfOlderFields) {
+  EXPECT_EQ(Field(v1::DistributionQuery::descriptor(), 8), "joint_combinations:int32");
+  EXPECT_EQ(Field(v1::ScenarioPrediction::descriptor(), 6), "joint:message");
+  const Descriptor* joint = v1::JointPrediction::descriptor();
+  EXPECT_EQ(Field(joint, 1), "target_ids:int64*");
+  EXPECT_EQ(Field(joint, 2), "combinations:message*");
+  EXPECT_EQ(Field(joint, 3), "truncated:bool");
+  const Descriptor* combination = v1::JointCombination::descriptor();
+  EXPECT_EQ(Field(combination, 1), "action_ids:int32*");
+  EXPECT_EQ(Field(combination, 2), "log_probability:double");
+  EXPECT_EQ(Field(combination, 3), "weight:double");
+}
+
 }  // namespace
 }  // namespace maneuver

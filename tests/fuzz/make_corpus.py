@@ -121,6 +121,7 @@ def main():
         message.request.scenarios.add().CopyFrom(scene)
         message.request.query.top_k = 3
         message.request.query.representatives = 2
+        message.request.query.joint_combinations = 3
         if name != "fork":  # small ones: the outline does not care what is in a scene
             write("outline", name, message.SerializeToString())
     message = predictions.StreamPredictRequest()

@@ -64,6 +64,7 @@ void ExpectQuery(const v1::DistributionQuery& query) {
   }
   Expect(question->representatives >= 0 && question->representatives <= kActions,
          "as many representatives as actions, at most");
+  Expect(question->combinations >= 0 && question->combinations <= 64, "64 combinations, at most");
   if (const auto* ids = std::get_if<serving::ActionIds>(&question->selection)) {
     std::set<int> once(ids->ids.begin(), ids->ids.end());
     Expect(once.size() == ids->ids.size(), "each action once");

@@ -11,9 +11,12 @@
 
 #include "model/artifact/model_folder.h"
 #include "model/inference/action_model.h"
+#include "model/scene/observation_window.h"
+#include "model/scene/target_frame.h"
 #include "server/rpc/prediction_answers.h"
 #include "server/rpc/prediction_plan.h"
 #include "server/serving/answer_check.h"
+#include "server/serving/joint_answer.h"
 #include "tests/fuzz/harness.h"
 #include "tests/unit/model/inference/reference_model.h"
 
@@ -65,6 +68,7 @@ constexpr char kEverything[] = R"pb(
 
 // Beyond this many targets nothing new happens.
 constexpr size_t kMostTargets = 4;
+constexpr int kCombinations = 5;
 
 const inference::ActionModel& Model() {
   static const auto& model = *new std::shared_ptr<const inference::ActionModel>([] {
@@ -140,6 +144,60 @@ void ExpectSound(const v1::TargetPrediction& target) {
   Expect(std::abs(weights - 1.0) <= 1e-5, "weights of representatives sum to 1");
 }
 
+// The combinations of a scenario of at most kMostJointTargets targets.
+void ExpectJoint(const v1::Scenario& scenario, const v1::ScenarioPrediction& item) {
+  const v1::JointPrediction& joint = item.joint();
+  std::vector<const v1::TargetPrediction*> targets;
+  for (const auto& target : item.targets()) {
+    if (!target.has_error()) targets.push_back(&target);
+  }
+  Expect(joint.target_ids_size() == static_cast<int>(targets.size()), "targets are combined");
+  for (size_t i = 0; i < targets.size(); ++i) {
+    Expect(joint.target_ids(static_cast<int>(i)) == targets[i]->target_id(), "in their order");
+  }
+  double weights = 0.0;
+  double last = 1.0;  // above ln 1, within rounding
+  for (const v1::JointCombination& each : joint.combinations()) {
+    Expect(each.action_ids_size() == joint.target_ids_size(), "one action for each target");
+    Expect(std::isfinite(each.log_probability()) && each.log_probability() <= last,
+           "the most probable first");
+    last = each.log_probability();
+    weights += each.weight();
+    std::vector<const v1::Agent*> agents;
+    std::vector<const v1::Trajectory*> means;
+    for (size_t i = 0; i < targets.size(); ++i) {
+      const int action = each.action_ids(static_cast<int>(i));
+      for (const auto& described : targets[i]->distributions()) {
+        if (described.action_id() == action) means.push_back(&described.mean_trajectory());
+      }
+      Expect(means.size() == i + 1, "combined actions are described");
+      agents.push_back(scene::FindAgent(scenario, targets[i]->target_id()));
+    }
+    // By itself: the discs around the centres, of targets that are surely apart now.
+    for (size_t i = 0; i < targets.size(); ++i) {
+      for (size_t j = 0; j < i; ++j) {
+        const auto now = [&](const v1::Agent& agent) {
+          return *scene::TargetPose(agent, scenario.prediction_time(),
+                                    scene::WindowOf(Model().spec()).tolerance());
+        };
+        const double apart = std::hypot(now(*agents[i]).x() - now(*agents[j]).x(),
+                                        now(*agents[i]).y() - now(*agents[j]).y());
+        const auto sum = [&](auto size) { return size(*agents[i]) + size(*agents[j]); };
+        const double widths = sum([](const v1::Agent& agent) { return agent.width(); });
+        const double lengths = sum([](const v1::Agent& agent) { return agent.length(); });
+        if (!(apart > lengths + widths) || apart > 1e6) continue;
+        for (int t = 0; t < means[i]->x_size(); ++t) {
+          const double distance =
+              std::hypot(means[i]->x(t) - means[j]->x(t), means[i]->y(t) - means[j]->y(t));
+          Expect(distance >= 0.5 * widths - 1e-3, "combined targets do not collide");
+        }
+      }
+    }
+  }
+  Expect(joint.combinations().empty() || std::abs(weights - 1.0) <= 1e-5,
+         "weights of combinations sum to 1");
+}
+
 std::vector<inference::SceneEncoding> Encode(const std::vector<scene::SceneInputs>& inputs,
                                              inference::InferenceSession& session) {
   std::vector<inference::SceneInput> views;
@@ -192,7 +250,8 @@ void AnswerPlan(const rpc::Scenarios& scenarios, bool classify) {
       answers[i].classification = session.Classify(encodings[i], target.trajectory);
     } else {
       const serving::DescribeActions all{.selection = serving::TopK{.k = Model().spec().actions()},
-                                         .representatives = 3};
+                                         .representatives = 3,
+                                         .combinations = kCombinations};
       serving::DescribeTarget(all, encodings[i], interval, session, &answers[i]);
     }
     const absl::Status sound = serving::CheckAnswer(answers[i]);
@@ -209,8 +268,15 @@ void AnswerPlan(const rpc::Scenarios& scenarios, bool classify) {
     }
     return;
   }
+  const bool combine = plan.targets.size() <= inference::kMostJointTargets;
+  std::vector<serving::JointAnswer> joint;
+  if (combine) {
+    joint.push_back(serving::CombineTargets({.combinations = kCombinations}, plan.targets,
+                                            {0, plan.targets.size()}, interval, session, answers));
+  }
   google::protobuf::RepeatedPtrField<v1::ScenarioPrediction> items;
-  rpc::WritePredictions(scenarios, plan, answers, {}, &items);
+  rpc::WritePredictions(scenarios, plan, answers, {}, &items, joint);
+  if (combine) ExpectJoint(scenarios[0], items[0]);
   for (const auto& target : items[0].targets()) {
     if (!target.has_error()) ExpectSound(target);
   }

@@ -6,6 +6,7 @@ import unittest
 
 import numpy
 
+import maneuver
 from maneuver import v1
 from maneuver.answers import predictions_of
 
@@ -40,8 +41,10 @@ def response():
         for action in (1, 0)]
     target = v1.TargetPrediction(target_id=7, probabilities=[0.5, 0.5], distributions=actions,
                                  representatives=[v1.Representative(action_id=1, weight=1.0)])
+    joint = v1.JointPrediction(target_ids=[7], combinations=[
+        v1.JointCombination(action_ids=[1], log_probability=-0.7, weight=1.0)])
     return v1.PredictResponse(model_version="models/m/versions/1", waypoint_times=[0.5, 1.0, 1.5],
-                              predictions=[v1.ScenarioPrediction(targets=[target])])
+                              predictions=[v1.ScenarioPrediction(targets=[target], joint=joint)])
 
 
 class AnswersTest(unittest.TestCase):
@@ -60,10 +63,15 @@ class AnswersTest(unittest.TestCase):
         self.assertEqual(target.waypoint_covariances[1, 2].tolist(), [[3, 0.3], [0.3, 9]])
         self.assertEqual(target.latent_means.tolist(), [[1], [0]])
         self.assertEqual(target.representatives[0].action_id, 1)
+        joint = answer.predictions[0].joint
+        self.assertEqual(joint, maneuver.JointPrediction(
+            [7], [maneuver.JointCombination([1], -0.7, 1.0)], False))
 
     def test_what_was_not_asked_for_is_empty(self):
         message = response()
         del message.predictions[0].targets[0].distributions[:]
+        message.predictions[0].ClearField("joint")
+        self.assertIsNone(predictions_of(message).predictions[0].joint)
         target = predictions_of(message).target()
         self.assertEqual(target.mean_trajectories.shape, (0, 3, 2))
         self.assertEqual(target.waypoint_covariances.shape, (0, 3, 2, 2))

@@ -123,6 +123,13 @@ class PredictionTest(LiveTest):
         self.assertLessEqual({4, 2}, set(answer.action_ids))
         self.assertEqual(answer.sigma_trajectories.shape[1], 0)
         self.assertAlmostEqual(sum(one.weight for one in answer.representatives), 1.0)
+        self.assertIsNone(self.client.predict(PLANNER).predictions[0].joint)
+        joint = self.client.predict(PLANNER, min_probability=1.0, joint=3)
+        found = joint.predictions[0].joint
+        self.assertEqual(found.target_ids, [joint.target().target_id])
+        self.assertEqual([one.action_ids[0] for one in found.combinations],
+                         joint.target().action_ids)
+        self.assertAlmostEqual(sum(one.weight for one in found.combinations), 1.0)
         generic = self.client.predict(PLANNER, source="prior", top_k=1, frame="target")
         self.assertEqual(generic.target().mean_trajectories.shape, (1, 10, 2))
         likely = self.client.predict(PLANNER).target()

@@ -13,9 +13,10 @@ has the contract's messages. Everything else that is meant for callers is named 
 """
 
 from maneuver import v1
-from maneuver.answers import (ActionSet, Classifications, DoubtfulSceneWarning, Predictions,
-                              Representative, ScenarioClassification, ScenarioPrediction,
-                              SceneWarning, TargetClassification, TargetPrediction)
+from maneuver.answers import (ActionSet, Classifications, DoubtfulSceneWarning, JointCombination,
+                              JointPrediction, Predictions, Representative, ScenarioClassification,
+                              ScenarioPrediction, SceneWarning, TargetClassification,
+                              TargetPrediction)
 from maneuver.client import Client
 from maneuver.connection import Deadlines
 from maneuver.credentials import Tls
@@ -35,7 +36,7 @@ __all__ = [
     "AbortedError", "ActionSet", "Agent", "AlreadyExistsError", "CancelledError", "Classifications",
     "Client", "Clock", "DataLossError", "DeadlineExceededError", "Deadlines",
     "DoubtfulSceneWarning", "FailedPreconditionError", "FieldViolation", "InternalError",
-    "InvalidArgumentError", "ManeuverError", "MapFeature", "MapReuse", "NotFoundError",
+    "InvalidArgumentError", "JointCombination", "JointPrediction", "ManeuverError", "MapFeature", "MapReuse", "NotFoundError",
     "PermissionDeniedError", "PredictStream", "Predictions", "Representative",
     "ResourceExhaustedError", "RetryPolicy", "Scenario", "ScenarioClassification",
     "ScenarioPrediction", "SceneWarning", "StreamAnswer", "TargetClassification",

@@ -57,6 +57,26 @@ class TargetPrediction:
     representatives: List[Representative]
 
 
+@dataclasses.dataclass(frozen=True)
+class JointCombination:
+    """One action for each target. Their expected trajectories are free of collisions."""
+
+    action_ids: List[int]  # in the order of JointPrediction.target_ids
+    log_probability: float  # sum of ln p(y|s) over its actions, nats
+    weight: float  # its share of the probability of all that are named; the weights sum to 1
+
+
+@dataclasses.dataclass(frozen=True)
+class JointPrediction:
+    """What the targets of a scene do together."""
+
+    target_ids: List[int]  # those that have an answer
+    # The most probable first. Fewer than asked for: no others are free of collisions, unless
+    # `truncated`.
+    combinations: List[JointCombination]
+    truncated: bool  # the server's search ended at its bound: others may follow
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class ScenarioPrediction:
     """The answer for one scene of a batch."""
@@ -66,6 +86,7 @@ class ScenarioPrediction:
     error: Optional[ManeuverError]  # why the whole scene was refused; `targets` is then empty
     targets: List[TargetPrediction]  # in the order of the scene's target_ids
     warnings: List[SceneWarning]  # what looks wrong in the scene
+    joint: Optional[JointPrediction] = None  # None: not asked for, or no target has an answer
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -158,7 +179,7 @@ def predictions_of(response: _Answers) -> Predictions:
         [ScenarioPrediction(prediction.scenario_index, prediction.scenario_id,
                             _error_of(prediction),
                             [_target_of(target, len(times)) for target in prediction.targets],
-                            _warnings_of(prediction))
+                            _warnings_of(prediction), _joint_of(prediction))
          for prediction in response.predictions],
         list(response.action_names))
 
@@ -197,6 +218,16 @@ def _error_of(item: Union[v1.ScenarioPrediction, v1.TargetPrediction, v1.Scenari
 def _warnings_of(scene: Union[v1.ScenarioPrediction, v1.ScenarioClassification]
                  ) -> List[SceneWarning]:
     return [SceneWarning(one.field, one.description) for one in scene.warnings]
+
+
+def _joint_of(scene: v1.ScenarioPrediction) -> Optional[JointPrediction]:
+    if not scene.HasField("joint"):
+        return None
+    return JointPrediction(
+        list(scene.joint.target_ids),
+        [JointCombination(list(one.action_ids), one.log_probability, one.weight)
+         for one in scene.joint.combinations],
+        scene.joint.truncated)
 
 
 def _show_warnings(scenes: Iterable[Union[v1.ScenarioPrediction, v1.ScenarioClassification]]

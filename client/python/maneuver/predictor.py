@@ -21,14 +21,15 @@ _PRIORITIES = {"interactive": v1.PRIORITY_INTERACTIVE, "bulk": v1.PRIORITY_BULK}
 
 def query(*, action_ids: Optional[Sequence[int]] = None, min_probability: Optional[float] = None,
           top_k: Optional[int] = None, source: str = "posterior", frame: str = "world",
-          sigma_trajectories: bool = True, representatives: int = 0) -> v1.DistributionQuery:
+          sigma_trajectories: bool = True, representatives: int = 0,
+          joint: int = 0) -> v1.DistributionQuery:
     """Returns the message of what Predictor.predict takes by these names."""
     if sum(one is not None for one in (action_ids, min_probability, top_k)) > 1:
         raise ValueError("action_ids, min_probability and top_k exclude one another")
     message = v1.DistributionQuery(source=_named(_SOURCES, source, "source"),
                                    frame=_named(_FRAMES, frame, "frame"),
                                    omit_sigma_trajectories=not sigma_trajectories,
-                                   representatives=representatives)
+                                   representatives=representatives, joint_combinations=joint)
     if action_ids is not None:
         message.action_ids.ids.extend(action_ids)
         message.action_ids.SetInParent()
@@ -66,7 +67,7 @@ class Predictor(abc.ABC):
                 action_ids: Optional[Sequence[int]] = None,
                 min_probability: Optional[float] = None, top_k: Optional[int] = None,
                 source: str = "posterior", frame: str = "world", sigma_trajectories: bool = True,
-                representatives: int = 0, priority: str = "interactive",
+                representatives: int = 0, joint: int = 0, priority: str = "interactive",
                 include_action_names: bool = False, required_action_names: Sequence[str] = (),
                 strict: bool = False, timeout: Optional[float] = None) -> Predictions:
         """Returns how probable each action is, and what chosen actions would look like.
@@ -79,12 +80,14 @@ class Predictor(abc.ABC):
             prediction time, +x along its heading, +y to its left.
         sigma_trajectories: whether to send the 2D+1 sigma trajectories of each action.
         representatives: how many actions that together cover the answer to name, 0 .. K.
+        joint: how many combinations of the targets' actions to find for each scene, 0 .. 64; a
+            scene may then name at most 8 targets. See ScenarioPrediction.joint.
         """
         request = v1.PredictRequest(
             model=model, scenarios=to_protos(scenes),
             query=query(action_ids=action_ids, min_probability=min_probability, top_k=top_k,
                         source=source, frame=frame, sigma_trajectories=sigma_trajectories,
-                        representatives=representatives),
+                        representatives=representatives, joint=joint),
             priority=_named(_PRIORITIES, priority, "priority"),
             include_action_names=include_action_names,
             required_action_names=required_action_names, strict=strict)
@@ -110,7 +113,8 @@ class Predictor(abc.ABC):
                                      min_probability: Optional[float] = None,
                                      top_k: Optional[int] = None, source: str = "posterior",
                                      frame: str = "world", sigma_trajectories: bool = True,
-                                     representatives: int = 0, priority: str = "interactive",
+                                     representatives: int = 0, joint: int = 0,
+                                     priority: str = "interactive",
                                      include_action_names: bool = False,
                                      required_action_names: Sequence[str] = (),
                                      strict: bool = False,
@@ -120,7 +124,7 @@ class Predictor(abc.ABC):
             model=model, scenarios=to_protos(scenes),
             query=query(action_ids=action_ids, min_probability=min_probability, top_k=top_k,
                         source=source, frame=frame, sigma_trajectories=sigma_trajectories,
-                        representatives=representatives),
+                        representatives=representatives, joint=joint),
             priority=_named(_PRIORITIES, priority, "priority"),
             include_action_names=include_action_names,
             required_action_names=required_action_names, strict=strict)

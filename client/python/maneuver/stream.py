@@ -57,7 +57,7 @@ class PredictStream:
     def send(self, request_id: str, scenes: Scenes, *, model: str = "",
              action_ids: Optional[Sequence[int]] = None, min_probability: Optional[float] = None,
              top_k: Optional[int] = None, source: str = "posterior", frame: str = "world",
-             sigma_trajectories: bool = True, representatives: int = 0,
+             sigma_trajectories: bool = True, representatives: int = 0, joint: int = 0,
              include_action_names: bool = False, required_action_names: Sequence[str] = (),
              strict: bool = False, request_timeout: Optional[float] = None) -> None:
         """Hands a request to the stream; see Client.predict for what it asks.
@@ -74,7 +74,7 @@ class PredictStream:
             model=model, scenarios=to_protos(scenes),
             query=query(action_ids=action_ids, min_probability=min_probability, top_k=top_k,
                         source=source, frame=frame, sigma_trajectories=sigma_trajectories,
-                        representatives=representatives),
+                        representatives=representatives, joint=joint),
             include_action_names=include_action_names,
             required_action_names=required_action_names, strict=strict))
         if request_timeout is not None:

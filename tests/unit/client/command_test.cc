@@ -94,6 +94,7 @@ TEST(CommandLineTest, MistakesEndWithStatusTwoAndAHint) {
            {"model", "compare", "town/1"},
            {"predict", "x.json", "--top-k", "0"},
            {"predict", "x.json", "--representatives", "0"},
+           {"predict", "x.json", "--joint", "65"},
            {"predict", "x.json", "--top-k", "1", "--actions", "2"},
            {"predict", "x.json", "--paths"},
            {"scenario", "show", "town", "a", "--paths"},
@@ -211,6 +212,50 @@ TEST(CommandLineTest, PredictShowsTheRequestedRepresentatives) {
   arguments.insert(arguments.end(), {"--output", "json"});
   EXPECT_THAT(Maneuver(arguments, scene).out,
               AllOf(HasSubstr("\"representatives\""), HasSubstr("\"drift left\"")));
+}
+
+TEST(CommandLineTest, PredictShowsTheCombinationsOfActions) {
+  client::TestServer server;
+  v1::JointPrediction joint;
+  server.on_predict = [&](grpc::ServerContext*, const v1::PredictRequest& request,
+                          v1::PredictResponse* response) {
+    for (const char* name : {"keep speed", "brake"}) response->add_action_names(name);
+    response->add_waypoint_times(5.0);
+    v1::ScenarioPrediction* prediction = response->add_predictions();
+    prediction->set_scenario_id("scene");
+    for (const int id : {7, 12}) prediction->add_targets()->set_target_id(id);
+    if (request.query().joint_combinations() > 0) *prediction->mutable_joint() = joint;
+    return grpc::Status::OK;
+  };
+  const auto add = [&](int first, int second, double probability, double weight) {
+    v1::JointCombination* combination = joint.add_combinations();
+    combination->add_action_ids(first);
+    combination->add_action_ids(second);
+    combination->set_log_probability(std::log(probability));
+    combination->set_weight(weight);
+  };
+  joint.add_target_ids(7);
+  joint.add_target_ids(12);
+  add(0, 1, 0.3, 0.75);
+  add(1, 0, 0.1, 0.25);
+  const std::string scene = R"({"agents": [{"id": 7, "states": [{}]}], "targetIds": [7]})";
+  std::vector<std::string> arguments = {"--server", server.address(), "predict", "-"};
+  EXPECT_THAT(Maneuver(arguments, scene).out, Not(HasSubstr("COMBINATION")));
+  arguments.insert(arguments.end(), {"--joint", "6"});
+  EXPECT_THAT(
+      Maneuver(arguments, scene).out,
+      HasSubstr("SCENARIO  COMBINATION  WEIGHT  PROBABILITY  TARGET  ACTION  NAME\n"
+                "scene               1  75.0 %       30.0 %       7       0  keep speed\n"
+                "                                                12       1  brake\n"
+                "                    2  25.0 %       10.0 %       7       1  brake\n"
+                "                                                12       0  keep speed\n"));
+  joint.set_truncated(true);
+  EXPECT_THAT(Maneuver(arguments, scene).err,
+              HasSubstr("scene: the search for combinations ended at its bound, with 2 of them"));
+  joint.set_truncated(false);
+  joint.clear_combinations();
+  EXPECT_THAT(Maneuver(arguments, scene).err,
+              HasSubstr("scene: two targets would collide in every combination of actions"));
 }
 
 TEST(CommandLineTest, PredictSendsRequiredNamesAndSaysWhichAreGone) {

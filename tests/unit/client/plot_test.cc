@@ -289,6 +289,73 @@ TEST(ScenePlotTest, DrawsActionsBesideTheRepresentativesFaintly) {
   EXPECT_LT(faint, 160);  // and still there
 }
 
+// Two vehicles, of which the second comes from the left; in the first combination it goes on, in
+// the second it stays.
+v1::ScenarioPrediction JointAnswer() {
+  v1::ScenarioPrediction answer = Answer(0.9);
+  v1::TargetPrediction* other = answer.add_targets();
+  other->set_target_id(8);
+  for (const int id : {5, 6}) {
+    v1::ActionDistribution* action = other->add_distributions();
+    action->set_action_id(id);
+    for (int i = 1; i <= 10; ++i) {
+      action->mutable_mean_trajectory()->add_x(id == 5 ? 2.0 * i : 0.02 * i);
+      action->mutable_mean_trajectory()->add_y(0.0);
+    }
+  }
+  v1::JointPrediction* joint = answer.mutable_joint();
+  joint->add_target_ids(7);
+  joint->add_target_ids(8);
+  for (const int id : {5, 6}) {
+    v1::JointCombination* combination = joint->add_combinations();
+    combination->add_action_ids(2);
+    combination->add_action_ids(id);
+    combination->set_weight(0.5);
+  }
+  return answer;
+}
+v1::Scenario JointScene() {
+  v1::Scenario scene = Scene();
+  v1::Agent* other = scene.add_agents();
+  *other = scene.agents(0);
+  other->set_id(8);
+  for (v1::AgentState& state : *other->mutable_states()) {
+    state.set_x(100.0 - 20.0 * std::sin(kHeading));
+    state.set_y(50.0 + 20.0 * std::cos(kHeading));
+  }
+  scene.add_target_ids(8);
+  return scene;
+}
+
+TEST(ScenePlotTest, DrawsAPanelForEachCombination) {
+  ScenePlotOptions options = Options();
+  options.width = 0;
+  options.height = 0;
+  const v1::ScenarioPrediction answer = JointAnswer();
+  const cv::Mat picture = Decode(*DrawScene(JointScene(), answer, options));
+  ASSERT_EQ(picture.cols, 2000);
+  ASSERT_EQ(picture.rows, 700);
+  const auto colored = [&](int panel, int number) {
+    return CountColor(picture(cv::Rect(1000 * panel, 0, 1000, 700)), ActionColor(number));
+  };
+  // Each target has its own colour, and the second one drives in the first panel alone.
+  EXPECT_GT(colored(0, 0), 500);
+  EXPECT_NEAR(colored(0, 0), colored(1, 0), 200);
+  EXPECT_GT(colored(0, 1), colored(1, 1) + 300);
+}
+
+TEST(ScenePlotTest, RefusesCombinationsThatItCannotDraw) {
+  v1::ScenarioPrediction unknown = JointAnswer();
+  unknown.mutable_joint()->set_target_ids(1, 9);
+  EXPECT_TRUE(DrawScene(JointScene(), unknown, Options()).ok());  // it is not in sight
+  unknown = JointAnswer();
+  unknown.mutable_joint()->mutable_combinations(1)->set_action_ids(1, 3);
+  EXPECT_TRUE(absl::IsInvalidArgument(DrawScene(JointScene(), unknown, Options()).status()));
+  unknown = JointAnswer();
+  unknown.mutable_targets(1)->set_target_id(9);
+  EXPECT_TRUE(absl::IsInvalidArgument(DrawScene(JointScene(), unknown, Options()).status()));
+}
+
 TEST(ScenePlotTest, RefusesWhatItCannotDraw) {
   v1::ScenarioPrediction uneven = Answer(0.9);
   uneven.mutable_targets(0)->mutable_distributions(0)->mutable_mean_trajectory()->add_x(1.0);

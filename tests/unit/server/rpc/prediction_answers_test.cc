@@ -140,6 +140,35 @@ TEST_F(WritePredictionsTest, RepresentativesKeepTheirOrder) {
   EXPECT_EQ(target.representatives(1).action_id(), 1);
 }
 
+// The first scenario is refused, and in the second the second target has no answer.
+TEST_F(WritePredictionsTest, CombinationsComeWithTheirScenarioAndItsAnsweredTargets) {
+  v1::Scenario scene = TwoCars();
+  request_.mutable_scenarios(0)->mutable_agents(0)->set_length(-1.0);
+  *request_.add_scenarios() = scene;
+  *request_.add_scenarios() = scene;
+  plan_ = PlanPrediction(request_.scenarios(), Spec(), {}, false);
+  ASSERT_EQ(plan_.targets.size(), 2u);
+  answers_.push_back(answers_[0]);
+  const std::vector<serving::JointAnswer> joint = {
+      {.targets = {}, .found = {.combinations = {}}},
+      {.targets = {1},
+       .found = {.combinations = {{.actions = {1}, .log_probability = -0.5, .weight = 0.75},
+                                  {.actions = {2}, .log_probability = -1.5, .weight = 0.25}},
+                 .truncated = true}}};
+  google::protobuf::RepeatedPtrField<v1::ScenarioPrediction> written;
+  WritePredictions(request_.scenarios(), plan_, answers_, {}, &written, joint);
+  ASSERT_EQ(written.size(), 3);
+  EXPECT_FALSE(written[0].has_joint());
+  EXPECT_FALSE(written[1].has_joint());
+  const v1::JointPrediction& second = written[2].joint();
+  EXPECT_THAT(second.target_ids(), ElementsAre(1));
+  ASSERT_EQ(second.combinations_size(), 2);
+  EXPECT_THAT(second.combinations(0).action_ids(), ElementsAre(1));
+  EXPECT_EQ(second.combinations(0).log_probability(), -0.5);
+  EXPECT_EQ(second.combinations(1).weight(), 0.25);
+  EXPECT_TRUE(second.truncated());
+}
+
 TEST_F(WritePredictionsTest, AFailedTargetHasOnlyItsError) {
   answers_[0] = {};
   answers_[0].status = absl::InternalError("no");

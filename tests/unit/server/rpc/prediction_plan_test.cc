@@ -31,6 +31,28 @@ TEST(PlanPredictionTest, BadItemsFailAloneWithTheirPathFromTheRequest) {
   EXPECT_EQ(plan.targets[0].scenario, &request.scenarios(0));
 }
 
+TEST(PlanPredictionTest, RefusesMoreTargetsThanCanBeCombined) {
+  v1::PredictRequest request;
+  *request.add_scenarios() = TwoCars();
+  *request.add_scenarios() = TwoCars();
+  v1::Scenario& many = *request.mutable_scenarios(1);
+  many.clear_target_ids();
+  for (int id = 101; id <= 109; ++id) {
+    *many.add_agents() = many.agents(0);
+    many.mutable_agents()->rbegin()->set_id(id);
+    many.add_target_ids(id);
+  }
+  PredictionPlan plan =
+      PlanPrediction(request.scenarios(), Spec(), {}, false, {}, false, {}, /*joint=*/true);
+  EXPECT_TRUE(plan.scenarios[0].status.ok());
+  EXPECT_EQ(FirstField(plan.scenarios[1].status), "scenarios[1].target_ids");
+  EXPECT_THAT(plan.scenarios[1].status.message(), HasSubstr("at most 8 targets"));
+  EXPECT_TRUE(PlanPrediction(request.scenarios(), Spec(), {}, false).scenarios[1].status.ok());
+  many.mutable_target_ids()->RemoveLast();
+  plan = PlanPrediction(request.scenarios(), Spec(), {}, false, {}, false, {}, /*joint=*/true);
+  EXPECT_TRUE(plan.scenarios[1].status.ok());
+}
+
 TEST(PlanPredictionTest, ReportsAScenarioIdThatIsTooLongOnce) {
   v1::PredictRequest request;
   *request.add_scenarios() = TwoCars();

@@ -21,6 +21,9 @@ TEST(ParseQueryTest, RepresentativesCombineWithAnySelection) {
   ASSERT_TRUE(describe.ok());
   EXPECT_EQ(std::get<serving::TopK>(describe->selection).k, 2);
   EXPECT_EQ(describe->representatives, 3);
+  EXPECT_EQ(describe->combinations, 0);
+  EXPECT_EQ(ParseQuery(FromText<v1::DistributionQuery>("joint_combinations: 5"), 3)->combinations,
+            5);
 }
 
 TEST(ParseQueryTest, NamesTheWrongField) {
@@ -39,6 +42,9 @@ TEST(ParseQueryTest, NamesTheWrongField) {
   EXPECT_EQ(field("top_k: 0"), "query.top_k");
   EXPECT_EQ(field("representatives: 4"), "query.representatives");
   EXPECT_EQ(field("representatives: -1"), "query.representatives");
+  EXPECT_EQ(field("joint_combinations: 64"), "");
+  EXPECT_EQ(field("joint_combinations: 65"), "query.joint_combinations");
+  EXPECT_EQ(field("joint_combinations: -1"), "query.joint_combinations");
   EXPECT_EQ(field("source: LATENT_SOURCE_PRIOR frame: FRAME_TARGET"), "");
   v1::DistributionQuery unknown;
   unknown.set_source(static_cast<v1::LatentSource>(9));

@@ -212,6 +212,51 @@ TEST_F(ServerTest, RepresentativesComeWithTheirDistributionsFromEachMethod) {
   }
 }
 
+TEST_F(ServerTest, CombinationsComeWithTheirDistributionsFromEachMethod) {
+  Publish();
+  v1::PredictRequest request = OneScene();
+  request.mutable_query()->set_top_k(1);
+  request.mutable_query()->set_joint_combinations(2);
+  const auto check = [](const v1::ScenarioPrediction& prediction) {
+    const v1::JointPrediction& joint = prediction.joint();
+    EXPECT_THAT(joint.target_ids(), ElementsAre(prediction.targets(0).target_id()));
+    ASSERT_EQ(joint.combinations_size(), 2);
+    EXPECT_THAT(joint.combinations(0).action_ids(), ElementsAre(1));
+    EXPECT_THAT(joint.combinations(1).action_ids(), ElementsAre(2));
+    EXPECT_NEAR(joint.combinations(0).log_probability(), std::log(0.5), 1e-12);
+    EXPECT_NEAR(joint.combinations(0).weight(), 0.625, 1e-12);
+    EXPECT_FALSE(joint.truncated());
+    ASSERT_EQ(prediction.targets(0).distributions_size(), 2);
+    EXPECT_EQ(prediction.targets(0).distributions(1).action_id(), 2);
+  };
+  {
+    v1::PredictResponse response;
+    ASSERT_TRUE(Predict(request, &response).ok());
+    check(response.predictions(0));
+  }
+  {
+    v1::PredictActionDistributionsRequest distributions;
+    *distributions.add_scenarios() = Scene();
+    *distributions.mutable_query() = request.query();
+    v1::PredictActionDistributionsResponse response;
+    grpc::ClientContext context;
+    ASSERT_TRUE(stub_->PredictActionDistributions(&context, distributions, &response).ok());
+    check(response.predictions(0));
+  }
+  {
+    grpc::ClientContext context;
+    const auto stream = stub_->StreamPredict(&context);
+    v1::StreamPredictRequest streamed;
+    *streamed.mutable_request() = request;
+    v1::StreamPredictResponse response;
+    ASSERT_TRUE(stream->Write(streamed));
+    ASSERT_TRUE(stream->Read(&response));
+    check(response.response().predictions(0));
+    stream->WritesDone();
+    EXPECT_TRUE(stream->Finish().ok());
+  }
+}
+
 TEST_F(ServerTest, RefusesRequestsThatAreWrongAsAWhole) {
   Publish();
   v1::PredictResponse response;

@@ -86,6 +86,8 @@ INSTANTIATE_TEST_SUITE_P(
               [](auto& a) { Action(a).moment_covariance(0, 1) = 6.001; }},
         Fault{"Weights", "weights", [](auto& a) { a.representatives[0].weight = 0.8; }},
         Fault{"WeightNan", "weights", [](auto& a) { a.representatives[0].weight = kNan; }},
+        Fault{"JointTrajectory", "combine",
+              [](auto& a) { a.joint.means = {inference::Trajectory::Constant(2, 2, kNan)}; }},
         Fault{"Responsibilities", "q(y|x,s)",
               [](auto& a) { a.classification->responsibilities[0] = kNan; }},
         Fault{"Bound", "log-likelihood",

@@ -29,7 +29,7 @@ void Fill(v1::Trajectory* trajectory) {
 }
 
 // Bytes of an answer with `actions` distributions, in a message around it.
-int64_t Bytes(int actions, bool sigma_trajectories, int representatives) {
+int64_t Bytes(int actions, bool sigma_trajectories, int representatives, int combinations = 0) {
   v1::ScenarioPrediction scenario;
   v1::TargetPrediction& target = *scenario.add_targets();
   target.set_target_id(-1);  // the longest
@@ -56,6 +56,13 @@ int64_t Bytes(int actions, bool sigma_trajectories, int representatives) {
     representative.set_action_id(kActions);
     representative.set_weight(0.1);
   }
+  if (combinations > 0) scenario.mutable_joint()->add_target_ids(-1);
+  for (int i = 0; i < combinations; ++i) {
+    v1::JointCombination& combination = *scenario.mutable_joint()->add_combinations();
+    combination.add_action_ids(kActions);
+    combination.set_log_probability(-0.1);
+    combination.set_weight(0.1);
+  }
   return static_cast<int64_t>(scenario.ByteSizeLong());
 }
 
@@ -76,6 +83,18 @@ TEST(AnswerSizeTest, IsATightUpperBound) {
                 Bytes(20, sigma, 0));
     ExpectBound(MostBytesOfTarget(Spec(), DescribeActions{TopK{3}, {}, 4}, sigma),
                 Bytes(7, sigma, 4));
+  }
+}
+
+// The combinations name at most 12 actions of a target.
+TEST(AnswerSizeTest, CountsTheActionsAndTheNumbersOfCombinations) {
+  for (const int combinations : {5, 64}) {
+    DescribeActions question{TopK{1}};
+    question.combinations = combinations;
+    const int64_t bytes = Bytes(1 + std::min(combinations, 12), false, 0, combinations);
+    const int64_t most = MostBytesOfAnswer(Spec(), question, false, 1, 1);
+    EXPECT_GE(most, bytes);
+    EXPECT_LE(most, kScenarioBytes + bytes + bytes / 4);
   }
 }
 

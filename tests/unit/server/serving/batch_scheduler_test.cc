@@ -469,6 +469,73 @@ TEST_F(BatchSchedulerTest, WorkThatIsCancelledWhileItIsEncodedGetsNoRepresentati
   EXPECT_EQ(networks_.means(), 0);
 }
 
+// Two road users, 2 m wide and long, 2.5 m apart and face to face. Action k stands at (k, k).
+v1::Scenario FaceToFace() {
+  v1::Scenario scene = SceneWith(2.0);
+  v1::Agent* other = scene.add_agents();
+  *other = scene.agents(0);
+  other->set_id(8);
+  other->mutable_states(0)->set_x(2.5);
+  other->mutable_states(0)->set_heading(M_PI);
+  scene.add_target_ids(8);
+  return scene;
+}
+
+TEST_F(BatchSchedulerTest, CombinesTheActionsOfEachScenariosTargets) {
+  const auto scheduler = Scheduler(2, {.max_batch = 1});
+  const v1::Scenario both = FaceToFace();
+  const auto ask = [&](int combinations) {
+    Asked asked = Prepare(both);
+    DescribeActions question{TopK{1}};
+    question.combinations = combinations;
+    asked.call->question = question;
+    asked.call->targets = {{&both, 7, scene::Pose2(), {}},
+                           {&both, 8, scene::Pose2(2.5, 0.0, M_PI), {}},
+                           {&scene_, 7, scene::Pose2(), {}}};
+    EXPECT_TRUE(scheduler->Submit(asked.call).ok());
+    auto answers = asked.answers.get();
+    return std::pair(std::move(answers), std::move(asked.call->joint));
+  };
+  EXPECT_THAT(ask(0).second, SizeIs(0));
+  for (int repeat = 0; repeat < 20; ++repeat) {
+    const auto [answers, joint] = ask(6);
+    ASSERT_THAT(joint, SizeIs(2));
+    // Whoever leaves its place meets the other.
+    EXPECT_THAT(joint[0].targets, ElementsAre(0, 1));
+    ASSERT_THAT(joint[0].found.combinations, SizeIs(1));
+    EXPECT_THAT(joint[0].found.combinations[0].actions, ElementsAre(0, 0));
+    EXPECT_THAT(joint[1].targets, ElementsAre(2));
+    EXPECT_THAT(joint[1].found.combinations, SizeIs(3));
+    EXPECT_NEAR(joint[1].found.combinations[0].weight, 0.5, 1e-12);
+    // The combined action is described beside the most probable one, by probability.
+    for (const size_t i : {0, 1}) {
+      ASSERT_THAT(answers[i].distributions, SizeIs(2));
+      EXPECT_EQ(answers[i].distributions[0].action, 1);
+      EXPECT_EQ(answers[i].distributions[1].action, 0);
+    }
+    EXPECT_THAT(answers[2].distributions, SizeIs(3));
+  }
+}
+
+TEST_F(BatchSchedulerTest, ACallThatEndsEarlyIsNotCombined) {
+  const auto scheduler = Scheduler(1, {.max_batch = 1});
+  const v1::Scenario both = FaceToFace();
+  networks_.CloseGate();
+  Asked asked = Prepare(both, 2);
+  DescribeActions question{TopK{1}};
+  question.combinations = 6;
+  asked.call->question = question;
+  ASSERT_TRUE(scheduler->Submit(asked.call).ok());
+  networks_.AwaitBatches(1);
+  asked.call->cancelled = true;
+  networks_.OpenGate();
+  for (const TargetAnswer& answer : asked.answers.get()) {
+    EXPECT_TRUE(absl::IsCancelled(answer.status));
+  }
+  EXPECT_THAT(asked.call->joint, SizeIs(1));
+  EXPECT_THAT(asked.call->joint[0].targets, SizeIs(0));
+}
+
 TEST_F(BatchSchedulerTest, ClassificationGetsItsTrajectory) {
   const auto scheduler = Scheduler(1, {});
   Asked asked = Prepare(scene_);
