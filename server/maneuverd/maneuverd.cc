@@ -47,6 +47,7 @@
 #include "server/rpc/dataset_service.h"
 #include "server/rpc/library_logs.h"
 #include "server/rpc/model_service.h"
+#include "server/rpc/open_connections.h"
 #include "server/rpc/outcome_service.h"
 #include "server/rpc/prediction_admission.h"
 #include "server/rpc/prediction_service.h"
@@ -210,6 +211,16 @@ v1::Replica DescribeReplica(const ServerOptions& options, const serving::Serving
   return replica;
 }
 
+// When memory runs out, closes the connections that sent the most in the last seconds, until the
+// others sent no more than --max-receive-memory.
+void CloseLargeSenders(int port, const ServerOptions& options, serving::MemoryBudget& memory) {
+  memory.RelieveBy([received = rpc::ReceivedBytes(port),
+                    left = options.limits.max_receive_bytes](bool is_urgent) mutable {
+    received.Note(std::chrono::steady_clock::now());
+    return is_urgent ? received.CutOffLargest(left) : 0;
+  });
+}
+
 absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
                  ServiceManager& manager) {
   const auto metrics = monitoring::PrometheusMetrics::Create();
@@ -316,6 +327,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
        {v1::AdminService::service_full_name(), &admin_service}},
       (*protection)->access(), *metrics, (*protection)->credentials(), options.limits);
   if (!server.ok()) return server.status();
+  CloseLargeSenders((*server)->address().port, options, memory);
   const auto pages = ServePages(options, *metrics, **server);
   if (!pages.ok()) return pages.status();
   std::string metrics_address;

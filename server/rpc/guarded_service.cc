@@ -14,6 +14,7 @@
 #include "absl/strings/str_cat.h"
 #include "server/errors/error_details.h"
 #include "server/rpc/grpc_internals.h"
+#include "server/rpc/request_outline.h"
 #include "server/rpc/status_details.h"
 
 namespace maneuver::rpc {
@@ -95,8 +96,10 @@ absl::Status CheckSize(int64_t bytes) {
 class GuardedHandler final : public MethodHandler {
  public:
   GuardedHandler(MethodHandler& guarded, std::string_view method, RpcMethod::RpcType type,
-                 security::AccessControl& access, const NamedService& service)
+                 const google::protobuf::Descriptor& request, security::AccessControl& access,
+                 const NamedService& service)
       : guarded_(guarded),
+        request_(request),
         method_(method),
         type_(type),
         access_(access),
@@ -121,6 +124,9 @@ class GuardedHandler final : public MethodHandler {
       if (room.ok()) kept = *std::move(room);
     }
     if (status.ok() && type_ == RpcMethod::SERVER_STREAMING) status = CheckSize(bytes);
+    if (status.ok() && bytes > 0) {
+      status = CheckDensity(request_, Shared(static_cast<grpc_byte_buffer*>(call.request)));
+    }
     if (status.ok() && worth_ && type_ == RpcMethod::NORMAL_RPC) {
       status = worth_(method_, DeadlineOf(*call.server_context),
                       Shared(static_cast<grpc_byte_buffer*>(call.request)));
@@ -156,6 +162,7 @@ class GuardedHandler final : public MethodHandler {
   }
 
   MethodHandler& guarded_;
+  const google::protobuf::Descriptor& request_;
   const std::string_view method_;
   const RpcMethod::RpcType type_;
   security::AccessControl& access_;
@@ -196,7 +203,8 @@ absl::StatusOr<std::unique_ptr<GuardedService>> GuardedService::Create(
     }
     const RpcMethod::RpcType type = TypeOf(method);
     guard->AddMethod(new RpcServiceMethod(name.c_str(), type, nullptr));
-    guard->MarkMethodCallback(i, new GuardedHandler(*handler, name, type, access, guarded));
+    guard->MarkMethodCallback(
+        i, new GuardedHandler(*handler, name, type, *method.input_type(), access, guarded));
   }
   return guard;
 }

@@ -1,14 +1,44 @@
-// Closes connections of this process, which it finds through the operating system because gRPC does
-// not expose them.
+// Measures and closes connections of this process. It finds them through the operating system,
+// because gRPC does not expose them.
 
 #ifndef MANEUVER_SERVER_RPC_OPEN_CONNECTIONS_H_
 #define MANEUVER_SERVER_RPC_OPEN_CONNECTIONS_H_
+
+#include <chrono>
+#include <cstdint>
+#include <map>
 
 namespace maneuver::rpc {
 
 // Shuts down, in both directions, every TCP connection that was accepted on `port`. Both ends then
 // see a broken connection.
 void CutOffConnections(int port);
+
+// Knows how much each connection of a port sent in the last one to two seconds. A message that gRPC
+// has received in part, or has not handed over yet, cannot be refused: only its connection can be
+// closed. Not thread-safe.
+class ReceivedBytes {
+ public:
+  //   port: on which the connections were accepted
+  explicit ReceivedBytes(int port) : port_(port) {}
+
+  // Notes, once a second, what each connection has received until now. Call it at least as often.
+  void Note(std::chrono::steady_clock::time_point now);
+  // Shuts down the connections that have received the most since the note of one to two seconds
+  // ago, until the others have received at most `left` bytes together. Returns how many it shut
+  // down, without those that were shut down before.
+  int CutOffLargest(int64_t left) const;
+
+ private:
+  using Totals = std::map<int, int64_t>;  // bytes since the connection began, by its descriptor
+
+  Totals Read() const;
+
+  const int port_;
+  Totals latest_;
+  Totals before_;  // a second earlier
+  std::chrono::steady_clock::time_point noted_{};
+};
 
 }  // namespace maneuver::rpc
 

@@ -7,6 +7,7 @@
 #include "maneuver/v1/outcome_service.pb.h"
 #include "server/errors/error_details.h"
 #include "server/rpc/guarded_service.h"
+#include "server/rpc/request_outline.h"
 #include "server/rpc/status_details.h"
 
 namespace maneuver::rpc {
@@ -72,6 +73,7 @@ void OutcomeStream::ScoreReport() {
   {
     v1::StreamOutcomesRequest request;
     absl::Status status = scorer_.access().Admit(kStreamMethod, caller_);
+    if (status.ok()) status = CheckDensity(*v1::StreamOutcomesRequest::descriptor(), message_);
     if (status.ok() &&
         !grpc::SerializationTraits<v1::StreamOutcomesRequest>::Deserialize(&message_, &request)
              .ok()) {

@@ -152,6 +152,8 @@ absl::Status PredictStream::Start(const std::shared_ptr<Entry>& entry) {
   absl::Status status =
       context_.scheduler.CheckWait(serving::Priority::kInteractive, outline->targets, deadline);
   if (!status.ok()) return status;
+  status = CheckDensity(*v1::StreamPredictRequest::descriptor(), entry->bytes);
+  if (!status.ok()) return status;
   // Kept until it is parsed.
   const auto room = context_.send_memory.AdmitRequest(static_cast<int64_t>(entry->size));
   if (!room.ok()) return room.status();

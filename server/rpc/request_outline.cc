@@ -1,12 +1,16 @@
 #include "server/rpc/request_outline.h"
 
 #include <google/protobuf/io/coded_stream.h>
+#include <google/protobuf/message.h>
 #include <grpcpp/support/proto_buffer_reader.h>
 
 #include <algorithm>
 #include <cstdint>
+#include <unordered_map>
 
+#include "absl/strings/str_cat.h"
 #include "maneuver/v1/prediction_service.pb.h"
+#include "server/errors/error_details.h"
 #include "server/rpc/protobuf_internals.h"
 
 namespace maneuver::rpc {
@@ -69,7 +73,81 @@ void CountOfRequest(CodedInputStream& input, size_t* targets) {
   }
 }
 
+using google::protobuf::Descriptor;
+using google::protobuf::FieldDescriptor;
+
+// Adds up what a message takes in memory once it is parsed, about.
+class ParsedSize {
+ public:
+  explicit ParsedSize(int64_t most) : most_(most) {}
+
+  void Add(const Descriptor& type, CodedInputStream& input, int depth = 0) {
+    bytes_ += SizeOf(type);
+    while (bytes_ <= most_) {
+      const uint32_t tag = input.ReadTag();
+      if (tag == 0) return;
+      const FieldDescriptor* const field =
+          type.FindFieldByNumber(static_cast<int>(tag >> kTypeBits));
+      const bool is_message = field != nullptr && field->message_type() != nullptr;
+      // What is not in the contract is kept as it came, in an element of its own.
+      bytes_ += field == nullptr ? kElement : kNumber;
+      if (tag != TagOf(static_cast<int>(tag >> kTypeBits)) || (is_message && depth == kDeepest)) {
+        if (!SkipField(input, tag)) return;
+        continue;
+      }
+      const bool read = ReadInside(input, [&](CodedInputStream& inside) {
+        if (is_message) return Add(*field->message_type(), inside, depth + 1);
+        // Numbers of one byte each may become numbers of eight.
+        const int64_t length = inside.BytesUntilLimit();
+        const bool is_row = field != nullptr && field->is_packable();
+        bytes_ += is_row ? kNumber * length : kElement + length;
+      });
+      if (!read) return;
+    }
+  }
+
+  int64_t bytes() const { return bytes_; }
+
+ private:
+  static constexpr int kTypeBits = 3;
+  static constexpr int kDeepest = 90;  // the parser stops at 100
+  static constexpr int64_t kNumber = 8;
+  static constexpr int64_t kElement = 40;  // a text
+
+  int64_t SizeOf(const Descriptor& type) {
+    const auto [size, is_new] = sizes_.try_emplace(&type, 0);
+    if (is_new) {
+      const auto* prototype =
+          google::protobuf::MessageFactory::generated_factory()->GetPrototype(&type);
+      size->second =
+          prototype == nullptr ? kElement : static_cast<int64_t>(prototype->SpaceUsedLong());
+    }
+    return size->second;
+  }
+
+  const int64_t most_;
+  int64_t bytes_ = 0;
+  std::unordered_map<const Descriptor*, int64_t> sizes_;
+};
+
 }  // namespace
+
+absl::Status CheckDensity(const Descriptor& type, const grpc::ByteBuffer& message) {
+  constexpr int64_t kLarge = int64_t{1} << 20;
+  constexpr int64_t kMostTimes = 16;
+  const auto size = static_cast<int64_t>(message.Length());
+  if (size < kLarge) return absl::OkStatus();
+  grpc::ByteBuffer shared(message);
+  grpc::ProtoBufferReader reader(&shared);
+  if (!reader.status().ok()) return absl::OkStatus();
+  CodedInputStream input(&reader);
+  ParsedSize parsed(kMostTimes * size);
+  parsed.Add(type, input);
+  if (parsed.bytes() <= kMostTimes * size) return absl::OkStatus();
+  return errors::InvalidField("request",
+                              absl::StrCat("its ", size, " bytes would take more than ", kMostTimes,
+                                           " times as many in memory; leave out empty elements"));
+}
 
 size_t CountTargets(const grpc::ByteBuffer& request) {
   grpc::ByteBuffer shared(request);  // the same bytes: a reader takes them from its buffer

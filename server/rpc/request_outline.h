@@ -1,15 +1,18 @@
-// Reads from the bytes of a prediction request what it asks for. The server can then refuse it
-// before parsing, which is a good part of the work.
+// Reads from the bytes of a request what it asks for and how large it is in memory. The server can
+// then refuse it before parsing, which is a good part of the work.
 
 #ifndef MANEUVER_SERVER_RPC_REQUEST_OUTLINE_H_
 #define MANEUVER_SERVER_RPC_REQUEST_OUTLINE_H_
 
+#include <google/protobuf/descriptor.h>
 #include <google/protobuf/duration.pb.h>
 #include <grpcpp/support/byte_buffer.h>
 
 #include <cstddef>
 #include <optional>
 #include <string>
+
+#include "absl/status/status.h"
 
 namespace maneuver::rpc {
 
@@ -28,6 +31,12 @@ struct StreamOutline {
 // Reads the outline of a StreamPredictRequest. Returns nothing if the bytes are not such a message.
 // Errors inside `request` are left to the parser.
 std::optional<StreamOutline> ReadStreamOutline(const grpc::ByteBuffer& message);
+
+// Returns INVALID_ARGUMENT for a message of this type, of 1 MiB or more, that takes more than 16
+// times its bytes in memory once it is parsed. Only one that is full of empty elements does: each
+// takes 2 bytes here, and up to some hundred there. Leaves malformed bytes to the parser.
+absl::Status CheckDensity(const google::protobuf::Descriptor& type,
+                          const grpc::ByteBuffer& message);
 
 }  // namespace maneuver::rpc
 

@@ -13,7 +13,9 @@
 namespace maneuver::serving {
 namespace {
 
-constexpr double kAdmitted = 0.8;  // of the limit
+// Of the limit.
+constexpr double kAdmitted = 0.8;
+constexpr double kUrgent = 0.9;
 constexpr std::chrono::milliseconds kInterval{20};
 // It holds up every thread that allocates.
 constexpr std::chrono::seconds kBetweenFreeing{1};
@@ -58,6 +60,9 @@ MemoryBudget::MemoryBudget(int64_t limit, std::function<int64_t()> used,
       .Set(static_cast<double>(limit_));
   refusals_ = &metrics.AddCounter("maneuver_memory_refusals_total",
                                   "Calls refused because the server's memory was nearly full.");
+  closed_ = &metrics.AddCounter("maneuver_memory_closed_connections_total",
+                                "Connections closed because the server's memory was nearly full "
+                                "and they had sent the most.");
 }
 
 MemoryBudget::~MemoryBudget() {
@@ -97,11 +102,19 @@ absl::Status MemoryBudget::Refuse() {
       kDelayWhenFull);
 }
 
+void MemoryBudget::RelieveBy(std::function<int(bool is_urgent)> relieve) {
+  const MutexLock lock(looking_);
+  relieve_ = std::move(relieve);
+}
+
 void MemoryBudget::Look() {
   if (limit_ <= 0) return;
   const MutexLock lock(looking_);
   const double most = kAdmitted * static_cast<double>(limit_);
   auto used = static_cast<double>(used_());
+  const auto limit = static_cast<double>(limit_);
+  // First: to free what is unused may take long.
+  if (relieve_) closed_->Increment(relieve_(used > kUrgent * limit));
   const auto now = std::chrono::steady_clock::now();
   if ((used > most || is_short_) && now >= may_free_from_) {
     is_full_ = used > most;

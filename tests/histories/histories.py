@@ -678,7 +678,8 @@ def main():
     parser.add_argument("--small-model", type=pathlib.Path, default=BUILD / "tests" / "write_small_model")
     parser.add_argument("--fault-shim", type=pathlib.Path, default=BUILD / "tests" / "libfault_shim.so")
     parser.add_argument("--flags", type=str.split, default=[], help="more options of maneuverd, in one word. With "
-                        "--flags='--trainer-command=chrt,--other,0' jobs do not starve where other programs are busy; "
+                        "--flags='--trainer-command=nice,-n,-19,chrt,--other,0', as root, jobs do not starve where "
+                        "other programs are busy; "
                         "commas stand for spaces")
     options = parser.parse_args()
     options.flags = [flag.replace(",", " ") for flag in options.flags]

@@ -135,7 +135,8 @@ class Load:
             answer = channel.unary_unary(PREDICT)(question.SerializeToString(), timeout=PATIENCE_S)
         item = v1.StreamPredictRequest(request=question).SerializeToString()
         self.asked = [item] * max(1, self.size // len(answer))
-        self.callers = {kind: max(1, round(share * options.limit * MB / self.size)) for kind, share in SHARES.items()}
+        shares = {options.only: TIMES} if options.only else SHARES
+        self.callers = {kind: max(1, round(share * options.limit * MB / self.size)) for kind, share in shares.items()}
 
     def note(self, kind, error):
         with self.lock:
@@ -265,7 +266,8 @@ def run(options, work, group):
             failures.append(f"the server ended with status {server.process.returncode}: {server.log.read_text()[-1000:]}")
             return failures
         print(f"maneuver_memory_bytes {server.metric('maneuver_memory_bytes') / 1e6:.0f} MB, "
-              f"maneuver_memory_refusals_total {server.metric('maneuver_memory_refusals_total'):.0f}")
+              f"maneuver_memory_refusals_total {server.metric('maneuver_memory_refusals_total'):.0f}, "
+              f"closed connections {server.metric('maneuver_memory_closed_connections_total'):.0f}")
         if group.kills():
             failures.append("the system ended a process of the control group")
         if not before["OK"] or not during["OK"] or not after["OK"]:
@@ -282,6 +284,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--limit", type=int, default=512, help="MiB, of the control group and of --memory-limit")
     parser.add_argument("--seconds", type=float, default=30, help="of the load")
+    parser.add_argument("--only", choices=SHARES, help="let all callers ask for this kind, three limits of it")
     parser.add_argument("--flags", type=str.split, default=[], help="more options of maneuverd, in one word")
     parser.add_argument("--maneuverd", type=pathlib.Path, default=BUILD / "bin" / "maneuverd")
     parser.add_argument("--maneuver", type=pathlib.Path, default=BUILD / "bin" / "maneuver")

@@ -314,7 +314,8 @@ def main():
     parser.add_argument("--maneuver", type=pathlib.Path, default=BUILD / "bin" / "maneuver")
     parser.add_argument("--small-model", type=pathlib.Path, default=BUILD / "tests" / "write_small_model")
     parser.add_argument("--flags", type=str.split, default=[], help="more options of maneuverd, in one word; commas stand "
-                        "for spaces, as in --flags='--trainer-command=chrt,--other,0'")
+                        "for spaces. As root, --flags='--trainer-command=nice,-n,-19,chrt,--other,0' keeps jobs "
+                        "from starving beside other programs")
     options = parser.parse_args()
     options.flags = [flag.replace(",", " ") for flag in options.flags]
     if options.hours + options.minutes <= 0:

@@ -110,5 +110,49 @@ TEST(CountTargetsTest, CountsWhatItFindsInInvalidBytes) {
   EXPECT_EQ(CountTargets(InSlices("\x12\xff\xff\xff\xff\xff\xff\xff\xff\xff", 3)), 0u);
 }
 
+// Returns empty elements of a field: 1 MiB of them.
+std::string EmptyElements(int field) {
+  std::string elements;
+  for (int i = 0; i < 1 << 19; ++i) elements += {static_cast<char>(field << 3 | 2), '\0'};
+  return elements;
+}
+
+TEST(DensityTest, RefusesALargeRequestOfEmptyElements) {
+  v1::PredictRequest states;
+  ASSERT_TRUE(states.add_scenarios()->add_agents()->ParseFromString(
+      EmptyElements(v1::Agent::kStatesFieldNumber)));
+  constexpr int kUnknown = 15;
+  for (const std::string& bytes :
+       {EmptyElements(v1::PredictRequest::kScenariosFieldNumber), states.SerializeAsString(),
+        EmptyElements(v1::PredictRequest::kRequiredActionNamesFieldNumber),
+        EmptyElements(kUnknown)}) {
+    const absl::Status refused =
+        CheckDensity(*v1::PredictRequest::descriptor(), InSlices(bytes, 8192));
+    EXPECT_EQ(refused.code(), absl::StatusCode::kInvalidArgument);
+  }
+}
+
+TEST(DensityTest, AcceptsLargeScenesAndMapsAndLeavesMalformedBytesToTheParser) {
+  v1::PredictRequest request;
+  for (int scenes = 0; scenes < 400; ++scenes) {
+    auto& scene = *request.add_scenarios();
+    scene.add_target_ids(1);
+    for (int id = 1; id <= 100; ++id) {
+      auto& agent = *scene.add_agents();
+      agent.set_id(id);
+      for (int i = 0; i < 3; ++i) agent.add_states()->set_x(i + 1);
+    }
+  }
+  auto& lane = *request.mutable_scenarios(0)->add_map_features();
+  for (int i = 0; i < 200'000; ++i) lane.add_x(i);
+  const std::string bytes = request.SerializeAsString();
+  ASSERT_GT(bytes.size(), size_t{1} << 20);
+  const auto& type = *v1::PredictRequest::descriptor();
+  EXPECT_TRUE(CheckDensity(type, InSlices(bytes, 8192)).ok());
+  EXPECT_TRUE(CheckDensity(type, InSlices(bytes.substr(0, bytes.size() - 5), 8192)).ok());
+  EXPECT_TRUE(CheckDensity(type, InSlices(std::string(2 << 20, '\xff'), 8192)).ok());
+  EXPECT_TRUE(CheckDensity(type, InSlices(std::string(1000, '\x12'), 8192)).ok()) << "small";
+}
+
 }  // namespace
 }  // namespace maneuver::rpc::request_outline_test

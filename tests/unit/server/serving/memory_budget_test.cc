@@ -58,6 +58,20 @@ TEST_F(MemoryBudgetTest, FreesAtMostOnceASecond) {
   EXPECT_EQ(freed_, 1);
 }
 
+TEST_F(MemoryBudgetTest, ClosesLargeSendersAboveNineTenthsOfTheLimit) {
+  std::vector<bool> urgent;
+  budget_.RelieveBy([&urgent](bool is_urgent) {
+    urgent.push_back(is_urgent);
+    return is_urgent ? 3 : 0;
+  });
+  for (const int64_t used : {500, 900, 901}) {
+    used_ = used;
+    budget_.Look();
+  }
+  EXPECT_THAT(urgent, testing::ElementsAre(false, false, true));
+  EXPECT_THAT(metrics_->Page(), testing::HasSubstr("maneuver_memory_closed_connections_total 3\n"));
+}
+
 constexpr int64_t kLarge = 100'000;  // bytes of a request
 
 // Parsed, a request takes several times its size; until then nobody sees that.

@@ -1,0 +1,99 @@
+#include "server/rpc/open_connections.h"
+
+#include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <string>
+
+namespace maneuver::rpc::open_connections_test {
+namespace {
+
+using std::chrono::seconds;
+
+sockaddr* AsAddress(sockaddr_in& address) { return reinterpret_cast<sockaddr*>(&address); }
+
+// A port of loopback that accepts connections and reads nothing.
+class OpenConnectionsTest : public testing::Test {
+ protected:
+  // Both ends of a connection.
+  struct Connection {
+    int caller = -1;
+    int accepted = -1;
+
+    ~Connection() {
+      close(caller);
+      close(accepted);
+    }
+    void Send(size_t bytes) const {
+      const std::string message(bytes, 'x');
+      ASSERT_EQ(send(caller, message.data(), bytes, MSG_NOSIGNAL), static_cast<ssize_t>(bytes));
+      // Until it is there.
+      std::string received(bytes, ' ');
+      ASSERT_EQ(recv(accepted, received.data(), bytes, MSG_WAITALL), static_cast<ssize_t>(bytes));
+    }
+    bool IsCutOff() const {
+      pollfd ended{.fd = caller, .events = POLLRDHUP, .revents = 0};
+      return poll(&ended, 1, 0) == 1;
+    }
+  };
+
+  OpenConnectionsTest() {
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    EXPECT_EQ(bind(listener_, AsAddress(address), sizeof address), 0);
+    EXPECT_EQ(listen(listener_, 8), 0);
+    socklen_t size = sizeof address_;
+    getsockname(listener_, AsAddress(address_), &size);
+  }
+  ~OpenConnectionsTest() override { close(listener_); }
+
+  void Connect(Connection& connection) {
+    connection.caller = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    ASSERT_EQ(connect(connection.caller, AsAddress(address_), sizeof address_), 0);
+    connection.accepted = accept(listener_, nullptr, nullptr);
+    ASSERT_GE(connection.accepted, 0);
+  }
+
+  const int listener_ = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  sockaddr_in address_{};
+  const std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
+};
+
+TEST_F(OpenConnectionsTest, CutsOffTheConnectionsThatReceivedTheMost) {
+  Connection large, largest, small;
+  for (Connection* each : {&large, &largest, &small}) Connect(*each);
+  large.Send(20'000);
+  largest.Send(30'000);
+  small.Send(100);
+  ReceivedBytes received(ntohs(address_.sin_port));
+  received.Note(begin_);
+  EXPECT_EQ(received.CutOffLargest(60'000), 0);
+  EXPECT_FALSE(largest.IsCutOff());
+  EXPECT_EQ(received.CutOffLargest(25'000), 1);
+  EXPECT_TRUE(largest.IsCutOff());
+  EXPECT_FALSE(large.IsCutOff());
+  EXPECT_EQ(received.CutOffLargest(25'000), 0) << "it is cut off already";
+  EXPECT_EQ(received.CutOffLargest(1000), 1);
+  EXPECT_TRUE(large.IsCutOff());
+  EXPECT_FALSE(small.IsCutOff());
+}
+
+TEST_F(OpenConnectionsTest, ForgetsWhatAConnectionReceivedSecondsAgo) {
+  Connection earlier, now;
+  for (Connection* each : {&earlier, &now}) Connect(*each);
+  earlier.Send(30'000);
+  ReceivedBytes received(ntohs(address_.sin_port));
+  for (int second = 0; second < 2; ++second) received.Note(begin_ + seconds(second));
+  now.Send(20'000);
+  EXPECT_EQ(received.CutOffLargest(1000), 1);
+  EXPECT_TRUE(now.IsCutOff());
+  EXPECT_FALSE(earlier.IsCutOff());
+}
+
+}  // namespace
+}  // namespace maneuver::rpc::open_connections_test
