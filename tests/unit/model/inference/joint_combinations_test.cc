@@ -159,6 +159,7 @@ TEST(JointCombinationsTest, TheOrderOfTheTargetsChangesNoBit) {
     const JointCombinations answer = CombineActions(targets, kInterval, 12);
     std::vector<size_t> order = {3, 0, 4, 2, 1};
     std::vector<JointTarget> moved;
+    moved.reserve(order.size());
     for (const size_t i : order) moved.push_back(targets[i]);
     const JointCombinations again = CombineActions(moved, kInterval, 12);
     ASSERT_EQ(again.combinations.size(), answer.combinations.size());
@@ -366,8 +367,10 @@ TEST(JointCombinationsTest, TheSearchEndsAtItsBoundAndSaysSo) {
 // Otherwise 12^8 ties would be searched.
 TEST(JointCombinationsTest, EquallyProbableActionsDoNotExhaustTheSearch) {
   std::vector<Action> alike;
+  alike.reserve(12);
   for (int a = 0; a < 12; ++a) alike.push_back({1.0 / 12, Straight(0.1 * a)});
   std::vector<JointTarget> targets;
+  targets.reserve(8);
   for (int i = 0; i < 8; ++i) targets.push_back(Car(i, {20.0 * i, 0.0, 0.0}, alike));
   const JointCombinations answer = CombineActions(targets, kInterval, 64);
   EXPECT_THAT(answer.combinations, SizeIs(64));
