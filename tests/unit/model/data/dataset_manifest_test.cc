@@ -1,6 +1,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <filesystem>
 #include <functional>
 #include <string>
 
@@ -135,6 +136,15 @@ TEST(DatasetManifestTest, AMissingManifestIsNotFoundAndADamagedOneIsDataLoss) {
   const auto manifest = ReadDatasetManifest(folder.path());
   EXPECT_EQ(manifest.status().code(), absl::StatusCode::kDataLoss);
   EXPECT_THAT(std::string(manifest.status().message()), HasSubstr("format_version"));
+}
+
+// Not an error of the disk or of its size.
+TEST(DatasetManifestTest, AFolderInPlaceOfTheManifestIsDataLoss) {
+  TemporaryFolder folder;
+  ASSERT_TRUE(std::filesystem::create_directory(folder / "dataset.json"));
+  const auto manifest = ReadDatasetManifest(folder.path());
+  EXPECT_EQ(manifest.status().code(), absl::StatusCode::kDataLoss) << manifest.status();
+  EXPECT_THAT(std::string(manifest.status().message()), HasSubstr("dataset.json"));
 }
 
 }  // namespace
