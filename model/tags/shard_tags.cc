@@ -255,13 +255,14 @@ absl::StatusOr<std::shared_ptr<const ShardTags>> ShardTags::Open(const fs::path&
     return absl::DataLossError(absl::StrCat(tags->name_, " is damaged: ", what,
                                             "; remove it and run the same tag command again"));
   };
-  const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  // Without O_NONBLOCK a named pipe in its place would be waited for.
+  const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   if (descriptor < 0) return files::ErrnoStatus(errno, "open", path);
   struct stat about {};
   const bool is_file = fstat(descriptor, &about) == 0 && S_ISREG(about.st_mode);
   if (!is_file || about.st_size < static_cast<off_t>(kPreamble)) {
     close(descriptor);
-    return damaged("it is too short");
+    return damaged(is_file ? "it is too short" : "it is not a file");
   }
   const auto size = static_cast<size_t>(about.st_size);
   void* const mapped = mmap(nullptr, size, PROT_READ, MAP_SHARED, descriptor, 0);

@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <cstring>
 #include <fstream>
@@ -142,6 +143,15 @@ TEST_F(ShardTagsTest, ACutFileIsFound) {
     EXPECT_TRUE(absl::IsDataLoss(status)) << bytes << ": " << status;
   }
   EXPECT_FALSE(StatusWith(good + "12345678").ok());
+}
+
+TEST_F(ShardTagsTest, ANamedPipeInItsPlaceIsRefusedAtOnce) {
+  const fs::path tags = TagsFileOf(folder(), file());
+  fs::remove(tags);
+  ASSERT_EQ(mkfifo(tags.c_str(), 0600), 0);
+  const absl::Status refused = ShardTags::Open(folder(), schema_, file()).status();
+  EXPECT_TRUE(absl::IsDataLoss(refused)) << refused;
+  EXPECT_THAT(std::string(refused.message()), HasSubstr("not a file"));
 }
 
 TEST_F(ShardTagsTest, ACutCsvIsNotTagged) {
