@@ -394,7 +394,7 @@ class ComposeTest(unittest.TestCase):
                     self.assertTrue((self.folder / source).exists(), source)
                 else:
                     self.assertIn(source, self.composition["volumes"])
-        backends = dict(re.findall(r"^ +server (\S+) (\S+)$", self.proxy, re.MULTILINE))
+        backends = dict(re.findall(r"^ +server (\S+) (\S+) check-proto h1$", self.proxy, re.MULTILINE))
         self.assertEqual(set(backends.values()), {f"{name}:{GRPC_PORT}" for name in ("serve-1", "serve-2", "work")})
         predictions = self.proxy[self.proxy.index("backend predictions"):self.proxy.index("backend management")]
         self.assertNotIn("server work", predictions)
