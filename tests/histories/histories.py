@@ -18,6 +18,7 @@ A violation ends the run with status 1, the seed, the round and the last calls.
 
 import argparse
 import collections
+import contextlib
 import errno
 import fcntl
 import hashlib
@@ -554,7 +555,8 @@ class Run:
         if self.random.random() < 0.2:
             for trainer in self.server.trainers():
                 self.event("kill of a trainer")
-                os.kill(trainer, 9)
+                with contextlib.suppress(ProcessLookupError):  # it may have ended just now
+                    os.kill(trainer, 9)
         end = self.random.choices(("kill", "term", "none"), (6, 1, 3))[0]
         self.event({"kill": "kill", "term": "orderly end", "none": "no end"}[end])
         if end == "kill":
