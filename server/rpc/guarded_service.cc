@@ -124,7 +124,7 @@ class GuardedHandler final : public MethodHandler {
       if (room.ok()) kept = *std::move(room);
     }
     if (status.ok() && type_ == RpcMethod::SERVER_STREAMING) status = CheckSize(bytes);
-    if (status.ok() && bytes > 0) {
+    if (status.ok() && bytes >= kLeastCheckedDensity) {
       status = CheckDensity(request_, Shared(static_cast<grpc_byte_buffer*>(call.request)));
     }
     if (status.ok() && worth_ && type_ == RpcMethod::NORMAL_RPC) {

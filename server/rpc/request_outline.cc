@@ -133,10 +133,9 @@ class ParsedSize {
 }  // namespace
 
 absl::Status CheckDensity(const Descriptor& type, const grpc::ByteBuffer& message) {
-  constexpr int64_t kLarge = int64_t{1} << 20;
   constexpr int64_t kMostTimes = 16;
   const auto size = static_cast<int64_t>(message.Length());
-  if (size < kLarge) return absl::OkStatus();
+  if (size < kLeastCheckedDensity) return absl::OkStatus();
   grpc::ByteBuffer shared(message);
   grpc::ProtoBufferReader reader(&shared);
   if (!reader.status().ok()) return absl::OkStatus();

@@ -9,6 +9,7 @@
 #include <grpcpp/support/byte_buffer.h>
 
 #include <cstddef>
+#include <cstdint>
 #include <optional>
 #include <string>
 
@@ -32,7 +33,10 @@ struct StreamOutline {
 // Errors inside `request` are left to the parser.
 std::optional<StreamOutline> ReadStreamOutline(const grpc::ByteBuffer& message);
 
-// Returns INVALID_ARGUMENT for a message of this type, of 1 MiB or more, that takes more than 16
+// Smaller messages cannot take much memory.
+inline constexpr int64_t kLeastCheckedDensity = int64_t{1} << 20;
+
+// Returns INVALID_ARGUMENT for a message of this type, of kLeastCheckedDensity or more, that takes more than 16
 // times its bytes in memory once it is parsed. Only one that is full of empty elements does: each
 // takes 2 bytes here, and up to some hundred there. Leaves malformed bytes to the parser.
 absl::Status CheckDensity(const google::protobuf::Descriptor& type,

@@ -211,7 +211,7 @@ void BatchScheduler::Answer(const TargetQueue::Item& item, TargetAnswer answer,
                             inference::InferenceSession* session) {
   PredictionCall& call = *item.call;
   call.answers[item.target] = std::move(answer);
-  // acq_rel, here and below: whoever counts to zero sees the answers of all others.
+  // The thread that counts to zero, here and below, sees the answers of all others by acq_rel.
   if (!call.joint_sets.empty()) {
     const size_t set = SetOf(call, item.target);
     const bool last = call.joint_sets[set].unanswered.fetch_sub(1, std::memory_order_acq_rel) == 1;
