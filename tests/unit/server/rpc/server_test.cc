@@ -699,6 +699,30 @@ TEST_F(ServerTest, AcceptsADeadlineCenturiesAhead) {
   }
 }
 
+TEST_F(ServerTest, RefusesCallsAndStreamsOfEmptyElementsBeforeTheyAreParsed) {
+  Publish();
+  v1::StreamPredictRequest streamed;
+  v1::PredictRequest& request = *streamed.mutable_request();
+  request = OneScene();
+  for (int i = 0; i < 600'000; ++i) request.add_required_action_names();
+  const auto check = [](const std::string& message) {
+    EXPECT_THAT(message, HasSubstr("leave out empty elements"));
+  };
+  {
+    grpc::ClientContext context;
+    v1::PredictResponse response;
+    check(stub_->Predict(&context, request, &response).error_message());
+  }
+  grpc::ClientContext context;
+  const auto stream = stub_->StreamPredict(&context);
+  v1::StreamPredictResponse response;
+  ASSERT_TRUE(stream->Write(streamed));
+  ASSERT_TRUE(stream->Read(&response));
+  check(response.error().message());
+  stream->WritesDone();
+  EXPECT_TRUE(stream->Finish().ok());
+}
+
 // gRPC 1.51 sends no GOAWAY then: it ends every call of the connection with a status, and closes
 // it.
 TEST_F(ServerTest, HeadersOverTheLimitEndTheConnectionWithAClearStatus) {
