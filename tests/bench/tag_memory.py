@@ -1,14 +1,14 @@
 #!/usr/bin/python3
-"""Memory and speed of maneuver tag against the size of the recordings: tags datasets that grow, in turns with the engine
-alone, and prints a Markdown table. Memory, recordings a CPU second and the share should stay flat.
+"""Memory and speed of maneuver tag against the size of the recordings: tags datasets that grow, in turns with the
+engine alone, and prints a Markdown table. Memory, recordings a CPU second and the share should stay flat.
 
   tests/bench/tag_memory.py MODEL [--sizes 1000,5000,20000] [--part 0]
 
 The share is what reading and writing leave of the engine's windows a CPU second (tests/bench/tag_engine.cc). Up to
---distinct MB of a dataset are synthesized; a larger one has copies of these shards, so that all its bytes are really on
-the disk. --folder keeps the distinct ones from one call to the next. A dataset is removed once all of its runs are over. --part
-MB tags about so much of each dataset (--shards); 0: all of it. With --stride 10 a recording has one window of each
-target, so that tagging all of a large dataset does not take hours. Needs the targets maneuver and tag_engine.
+--distinct MB of a dataset are synthesized; a larger one has copies of these shards, so that all its bytes are really
+on the disk. --folder keeps the distinct ones from one call to the next. A dataset is removed once it was measured.
+--part MB tags about so much of each dataset (--shards); 0: all of it. With --stride 10 a recording has one window of
+each target, so that tagging all of a large dataset does not take hours. Needs the targets maneuver and tag_engine.
 
 --rounds N keeps all datasets, tags each N times in turns, the first once more at the end, and adds two columns: the
 median of recordings a CPU second by that of the first dataset just before and just after, and its range. Each run
@@ -90,9 +90,9 @@ def in_turns(options, datasets, work):
     for index, (dataset, megabytes) in enumerate(datasets):
         middle = sorted(runs[index], key=lambda run: run[1])[len(runs[index]) // 2]
         ratios = [2 * rates[index][turn] / (rates[0][turn] + rates[0][turn + 1]) for turn in range(options.rounds)]
+        turns = [f"{statistics.median(ratios):.3f}", f"{min(ratios):.3f} to {max(ratios):.3f}"] if index else ["", ""]
         rows.append(row(megabytes, parts_of(options, dataset, megabytes), middle[0], middle[1], "",
-                        max(peak for _, _, peak in runs[index])) +
-                    [f"{statistics.median(ratios):.3f}" if index else "", f"{min(ratios):.3f} to {max(ratios):.3f}" if index else ""])
+                        max(peak for _, _, peak in runs[index])) + turns)
     return rows
 
 
@@ -108,8 +108,8 @@ def main():
     parser.add_argument("--stride", help="seconds between two windows, as of maneuver tag; leaves out the share")
     parser.add_argument("--rounds", type=int, help="tag the datasets so often, in turns; leaves out the share")
     options = parser.parse_args()
-    columns = ["dataset, MB", "part", "recordings tagged", "windows", "CPU s", "recordings/CPU s", "windows/CPU s", "share",
-               "peak, MB"] + (["by the first", "range"] if options.rounds else [])
+    columns = ["dataset, MB", "part", "recordings tagged", "windows", "CPU s", "recordings/CPU s", "windows/CPU s",
+               "share", "peak, MB"] + (["by the first", "range"] if options.rounds else [])
     print("|", " | ".join(columns), "|")
     print("|" + "---:|" * len(columns), flush=True)
     with tempfile.TemporaryDirectory(dir=options.folder) as name:
@@ -120,7 +120,7 @@ def main():
                             options.distinct * 1_000_000 // data_memory.BYTES_EACH)
         datasets = []
         for size in map(int, options.sizes.split(",")):
-            dataset = work / f"town-{size}"
+            dataset = work / f"dataset-{size}"
             data_memory.repeat(distinct, dataset, size * 1_000_000)
             megabytes = sum(file.stat().st_size for file in dataset.glob("*.tfrecord")) / 1e6
             if options.rounds:
