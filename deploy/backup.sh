@@ -14,6 +14,7 @@ set -euo pipefail
 usage() { sed -n '2,12s/^# \{0,1\}//p' "$0"; }
 refuse() { echo "backup: $1" >&2; exit 2; }
 folders=(models jobs tags datasets)
+dumped=()
 previous=
 store=
 positional=()
@@ -21,7 +22,8 @@ while [ $# -gt 0 ]; do
   case "$1" in
     --previous) previous=$(realpath -e -- "${2:?--previous needs a back-up}"); shift ;;
     --store) store=${2:?--store needs a URI}; shift ;;
-    --without-datasets) folders=(models jobs tags) ;;
+    # Their list too: names whose folder is missing could not be uploaded again.
+    --without-datasets) folders=(models jobs tags); dumped=(--exclude-table-data='*.datasets') ;;
     -h|--help) usage; exit 0 ;;
     -*) refuse "unknown option $1; see --help" ;;
     *) positional+=("$1") ;;
@@ -79,9 +81,9 @@ copy_all() {  # copy_all [flags]: no folder of a model or a dataset is there in 
 copy_all --delete
 if [ -n "$store" ]; then
   cp -p "$data/store-id" "$unfinished/store-id"
-  pg_dump --format=custom --no-owner --no-privileges --file="$unfinished/maneuver.dump" --dbname="$store"
-  dumped=$(pg_restore --data-only --table=store --file=- "$unfinished/maneuver.dump")
-  [[ $dumped == *"$(cat "$data/store-id")"* ]] || refuse "the database of --store is not the one that $data belongs to"
+  pg_dump --format=custom --no-owner --no-privileges "${dumped[@]}" --file="$unfinished/maneuver.dump" --dbname="$store"
+  id=$(pg_restore --data-only --table=store --file=- "$unfinished/maneuver.dump")
+  [[ $id == *"$(cat "$data/store-id")"* ]] || refuse "the database of --store is not the one that $data belongs to"
 else
   sqlite3 "$data/maneuver.db" ".timeout 60000" ".backup '$unfinished/maneuver.db'"
 fi

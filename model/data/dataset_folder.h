@@ -22,9 +22,15 @@
 
 namespace maneuver::data {
 
+// Puts a finished temporary folder with this manifest in the place of a dataset.
+using PublishDataset = std::function<absl::Status(const std::filesystem::path& temporary,
+                                                  const v1::Dataset& manifest)>;
+
 struct DatasetWriterOptions {
   // A shard that reaches this size is closed, and the next one begins.
   int64_t shard_bytes = int64_t{64} << 20;
+  // Publishes the dataset; empty: files::PublishFolder does.
+  PublishDataset publish = {};
 };
 
 // Writes a new dataset folder completely or not at all: shards go to a temporary folder beside it,

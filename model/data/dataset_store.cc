@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/strip.h"
 #include "model/data/dataset_folder.h"
 #include "model/data/dataset_manifest.h"
 #include "model/data/registered_folder.h"
@@ -69,6 +70,36 @@ v1::ScenarioSummary Summarize(const v1::Scenario& scenario) {
   return summary;
 }
 
+std::string IdOf(const v1::Dataset& dataset) {
+  return std::string(absl::StripPrefix(dataset.name(), "datasets/"));
+}
+
+// Reads the manifest of a folder, with the name that the ledger wants.
+absl::StatusOr<v1::Dataset> ReadNamed(const fs::path& folder) {
+  auto manifest = LoadDatasetManifest(folder);
+  if (manifest.ok()) manifest->set_name(absl::StrCat("datasets/", folder.filename().string()));
+  return manifest;
+}
+
+// Returns what the shards of a dataset take in its folder.
+int64_t BytesIn(const fs::path& folder, const v1::Dataset& manifest) {
+  if (IsRegistered(folder)) return 0;
+  constexpr uint64_t kMost = std::numeric_limits<int64_t>::max();
+  return static_cast<int64_t>(std::min(files::BytesOf(ShardFiles(manifest)), kMost));
+}
+
+// Publishes the dataset of a folder: with a ledger, one of several that are made at once.
+PublishDataset Publisher(const fs::path& folder, DatasetLedger* ledger) {
+  return [folder, ledger](const fs::path& temporary, v1::Dataset manifest) {
+    if (ledger == nullptr) return files::PublishFolder(temporary, folder);
+    // What takes long comes first.
+    if (absl::Status status = files::SyncFolder(temporary); !status.ok()) return status;
+    manifest.set_name(absl::StrCat("datasets/", folder.filename().string()));
+    return ledger->Add(manifest, BytesIn(temporary, manifest),
+                       [&] { return files::MoveIntoPlace(temporary, folder); });
+  };
+}
+
 // What Dataset.origin says of a folder that is registered.
 std::string OriginOf(const v1::Dataset& manifest, const fs::path& source) {
   std::string origin = absl::StrCat("in place: ", source.string());
@@ -118,13 +149,16 @@ std::optional<v1::DatasetSummary> KeptDescription(const fs::path& file) {
 
 }  // namespace
 
-DatasetStore::DatasetStore(fs::path folder, const DatasetStoreOptions& options)
+DatasetStore::DatasetStore(fs::path folder, const DatasetStoreOptions& options,
+                           DatasetLedger* ledger)
     : folder_(std::move(folder)),
       options_(options),
+      ledger_(ledger),
       staging_(std::make_shared<files::UploadStaging>(folder_, options.is_shared)) {}
 
-absl::StatusOr<std::unique_ptr<DatasetStore>> DatasetStore::Open(
-    fs::path folder, const DatasetStoreOptions& options) {
+absl::StatusOr<std::unique_ptr<DatasetStore>> DatasetStore::Open(fs::path folder,
+                                                                 const DatasetStoreOptions& options,
+                                                                 DatasetLedger* ledger) {
   std::error_code error;
   fs::create_directories(folder, error);
   if (error) return files::ErrnoStatus(error.value(), "create", folder);
@@ -133,7 +167,8 @@ absl::StatusOr<std::unique_ptr<DatasetStore>> DatasetStore::Open(
   } else if (absl::Status status = files::RemoveTemporaries(folder); !status.ok()) {
     return status;
   }
-  std::unique_ptr<DatasetStore> store(new DatasetStore(std::move(folder), options));
+  std::unique_ptr<DatasetStore> store(new DatasetStore(std::move(folder), options, ledger));
+  if (absl::Status status = store->AdoptFolders(); !status.ok()) return status;
   // The process may have died right after a commit, with the upload's shards still there.
   absl::Status status = store->staging_->RemoveIf(
       [&](const std::string& id, fs::file_time_type) { return store->Contains(id); });
@@ -142,7 +177,7 @@ absl::StatusOr<std::unique_ptr<DatasetStore>> DatasetStore::Open(
   return store;
 }
 
-absl::Status DatasetStore::CheckExists(const std::string& id) const {
+absl::Status DatasetStore::CheckFolder(const std::string& id) const {
   std::error_code error;
   const bool exists = fs::exists(FolderOf(id) / kManifestFile, error);
   // It may be there all the same.
@@ -150,34 +185,112 @@ absl::Status DatasetStore::CheckExists(const std::string& id) const {
   return exists ? absl::OkStatus() : NoSuchDataset(id);
 }
 
+absl::Status DatasetStore::CheckExists(const std::string& id) const {
+  absl::Status there = CheckFolder(id);
+  if (ledger_ == nullptr || files::IsFileSystemFailure(there)) return there;
+  if (const auto listed = Get(id); !listed.ok()) return listed.status();
+  if (!absl::IsNotFound(there)) return there;
+  return absl::DataLossError(absl::StrCat("the folder of datasets/", id,
+                                          " is gone; have the operator restore it, or delete the "
+                                          "dataset and upload it again"));
+}
+
+absl::Status DatasetStore::CheckAbsent(const std::string& id) const {
+  if (ledger_ != nullptr) {
+    const absl::Status listed = Get(id).status();
+    if (!listed.ok() && !absl::IsNotFound(listed)) return listed;
+    if (listed.ok()) return DatasetExists(id);
+  }
+  std::error_code error;
+  return fs::exists(FolderOf(id), error) ? DatasetExists(id) : absl::OkStatus();
+}
+
 absl::Status DatasetStore::WhyUnread(const std::string& id, absl::Status status) const {
   absl::Status exists = CheckExists(id);
   return exists.ok() ? status : exists;
 }
 
-absl::StatusOr<v1::Dataset> DatasetStore::Get(const std::string& id) const {
+absl::StatusOr<v1::Dataset> DatasetStore::Read(const std::string& id) const {
   auto manifest = ReadDatasetManifest(FolderOf(id));
   if (!manifest.ok()) return WhyUnread(id, manifest.status());
   manifest->set_name(absl::StrCat("datasets/", id));
   return manifest;
 }
 
-absl::StatusOr<std::vector<std::string>> DatasetStore::List(const std::string& after,
-                                                            size_t limit) const {
-  std::vector<std::string> ids;
+absl::StatusOr<v1::Dataset> DatasetStore::Get(const std::string& id) const {
+  if (ledger_ == nullptr) return Read(id);
+  auto listed = ledger_->Get(id);
+  if (!absl::IsNotFound(listed.status())) return listed;
+  if (absl::Status status = AdoptFolder(id); !status.ok()) return status;
+  return ledger_->Get(id);
+}
+
+absl::StatusOr<std::vector<std::string>> DatasetStore::FolderNames() const {
+  std::vector<std::string> names;
   std::error_code error;
   fs::directory_iterator entry(folder_, error);
   for (; !error && entry != fs::directory_iterator(); entry.increment(error)) {
     std::string name = entry->path().filename().string();
-    if (name.front() == '.' || name <= after) continue;
-    const absl::Status exists = CheckExists(name);
-    if (files::IsFileSystemFailure(exists)) return exists;
-    if (exists.ok()) ids.push_back(std::move(name));
+    if (name.front() != '.') names.push_back(std::move(name));
   }
   if (error) return files::ErrnoStatus(error.value(), "read", folder_);
-  std::ranges::sort(ids);
-  if (ids.size() > limit) ids.resize(limit);
-  return ids;
+  std::ranges::sort(names);
+  return names;
+}
+
+absl::StatusOr<std::vector<v1::Dataset>> DatasetStore::List(const std::string& after,
+                                                            size_t limit) const {
+  if (ledger_ != nullptr) return ledger_->List(after, limit);
+  const auto names = FolderNames();
+  if (!names.ok()) return names.status();
+  std::vector<v1::Dataset> datasets;
+  for (auto name = std::ranges::upper_bound(*names, after);
+       name != names->end() && datasets.size() < limit; ++name) {
+    auto dataset = Read(*name);
+    if (absl::IsNotFound(dataset.status())) continue;  // no dataset, or deleted meanwhile
+    if (!dataset.ok()) {
+      const absl::Status there = CheckFolder(*name);
+      if (files::IsFileSystemFailure(there)) return there;
+      dataset = v1::Dataset();
+      dataset->set_name(absl::StrCat("datasets/", *name));
+    }
+    datasets.push_back(*std::move(dataset));
+  }
+  return datasets;
+}
+
+absl::Status DatasetStore::AdoptFolder(const std::string& id) const {
+  const auto manifest = ReadNamed(FolderOf(id));
+  if (!manifest.ok()) {
+    const absl::Status there = CheckFolder(id);
+    return there.ok() ? manifest.status() : there;
+  }
+  absl::Status status =
+      ledger_->Add(*manifest, BytesIn(FolderOf(id), *manifest), [&]() -> absl::Status {
+        // Another server may just have deleted it, or even published another one.
+        const auto now = ReadNamed(FolderOf(id));
+        if (!now.ok()) return now.status();
+        return now->SerializeAsString() == manifest->SerializeAsString() ? absl::OkStatus()
+                                                                         : NoSuchDataset(id);
+      });
+  return absl::IsAlreadyExists(status) ? absl::OkStatus() : status;
+}
+
+absl::Status DatasetStore::AdoptFolders() const {
+  if (ledger_ == nullptr) return absl::OkStatus();
+  const auto names = FolderNames();
+  if (!names.ok()) return names.status();
+  const auto listed = ledger_->ListIds();
+  if (!listed.ok()) return listed.status();
+  for (const std::string& name : *names) {
+    if (std::ranges::binary_search(*listed, name)) continue;
+    const absl::Status status = AdoptFolder(name);
+    // Not a dataset, deleted meanwhile, or not named like one.
+    if (absl::IsNotFound(status) || absl::IsInvalidArgument(status)) continue;
+    if (absl::IsDataLoss(status) && !files::IsFileSystemFailure(status)) continue;
+    if (!status.ok()) return status;
+  }
+  return absl::OkStatus();
 }
 
 absl::Status DatasetStore::CheckRoom(uint64_t wanted, uint64_t arrived, uint64_t announced,
@@ -211,8 +324,7 @@ absl::Status DatasetStore::CheckRoom(uint64_t wanted, uint64_t arrived, uint64_t
 absl::StatusOr<std::unique_ptr<DatasetUpload>> DatasetStore::BeginUpload(
     const std::string& id, const v1::Dataset& manifest, const std::string& caller,
     std::vector<int64_t> arrived) const {
-  std::error_code error;
-  if (fs::exists(FolderOf(id), error)) return DatasetExists(id);
+  if (absl::Status status = CheckAbsent(id); !status.ok()) return status;
   auto shards = files::FileReceiver::Begin(
       staging_,
       {.id = id,
@@ -226,14 +338,14 @@ absl::StatusOr<std::unique_ptr<DatasetUpload>> DatasetStore::BeginUpload(
                          others.broken_off);
       });
   if (!shards.ok()) return shards.status();
-  return StageDataset(id, FolderOf(id), manifest, *std::move(shards));
+  return StageDataset(id, FolderOf(id), Publisher(FolderOf(id), ledger_), manifest,
+                      *std::move(shards));
 }
 
 absl::StatusOr<std::unique_ptr<DatasetWriter>> DatasetStore::Create(const std::string& id,
                                                                     const std::string& origin,
                                                                     int64_t bytes) const {
-  std::error_code error;
-  if (fs::exists(FolderOf(id), error)) return DatasetExists(id);
+  if (absl::Status status = CheckAbsent(id); !status.ok()) return status;
   const auto wanted = static_cast<uint64_t>(bytes);
   const auto slot = staging_->Enter(id, " the server itself");  // no caller's name
   const absl::Status fits =
@@ -244,7 +356,7 @@ absl::StatusOr<std::unique_ptr<DatasetWriter>> DatasetStore::Create(const std::s
                          });
   staging_->End(*slot);
   if (!fits.ok()) return fits;
-  return DatasetWriter::Create(FolderOf(id), origin);
+  return DatasetWriter::Create(FolderOf(id), origin, {.publish = Publisher(FolderOf(id), ledger_)});
 }
 
 absl::StatusOr<v1::QueryUploadResponse> DatasetStore::QueryUpload(const std::string& id,
@@ -252,6 +364,7 @@ absl::StatusOr<v1::QueryUploadResponse> DatasetStore::QueryUpload(const std::str
                                                                   const std::string& caller) const {
   v1::QueryUploadResponse response;
   auto committed = Get(id);
+  if (absl::IsUnavailable(committed.status())) return committed.status();
   if (committed.ok() && SameShards(*committed, manifest)) {
     *response.mutable_committed() = *std::move(committed);
   }
@@ -270,7 +383,9 @@ absl::StatusOr<v1::Dataset> DatasetStore::Register(const std::string& id,
                                                    const fs::path& folder) const {
   const auto source = ResolveRegistrable(folder, options_.folders);
   if (!source.ok()) return source.status();
-  if (Contains(id)) {
+  const absl::Status exists = CheckExists(id);
+  if (!exists.ok() && !absl::IsNotFound(exists) && ledger_ != nullptr) return exists;
+  if (exists.ok()) {
     const auto manifest = LoadDatasetManifest(*source);
     auto there = Get(id);
     if (there.ok() && manifest.ok() && RegisteredFrom(FolderOf(id)) == *source &&
@@ -285,7 +400,7 @@ absl::StatusOr<v1::Dataset> DatasetStore::Register(const std::string& id,
   absl::Status status = manifest.status();
   if (status.ok()) {
     manifest->set_origin(OriginOf(*manifest, *source));
-    status = PublishDataset(id, *temporary, FolderOf(id), &*manifest);
+    status = FinishDataset(id, *temporary, Publisher(FolderOf(id), ledger_), &*manifest);
   }
   if (status.ok()) return manifest;
   std::error_code ignored;
@@ -301,39 +416,53 @@ absl::Status DatasetStore::RemoveAbandonedUploads(fs::file_time_type now) const 
 }
 
 absl::StatusOr<int64_t> DatasetStore::TotalBytes() const {
-  const auto ids = List("", std::numeric_limits<size_t>::max());
-  if (!ids.ok()) return ids.status();
+  if (ledger_ != nullptr) return ledger_->TotalBytes();
+  const auto datasets = List("", std::numeric_limits<size_t>::max());
+  if (!datasets.ok()) return datasets.status();
   int64_t bytes = 0;
-  for (const std::string& id : *ids) {
-    if (IsRegistered(FolderOf(id))) continue;  // the shards are elsewhere
-    // Ignores a dataset that was deleted meanwhile or cannot be read.
-    if (const auto dataset = Get(id); dataset.ok()) {
-      bytes += static_cast<int64_t>(files::BytesOf(ShardFiles(*dataset)));
-    }
+  for (const v1::Dataset& dataset : *datasets) {
+    bytes += BytesIn(FolderOf(IdOf(dataset)), dataset);  // one that cannot be read has none
   }
   return bytes;
+}
+
+absl::Status DatasetStore::MoveOut(const std::string& id, const fs::path& temporary) const {
+  std::error_code error;
+  fs::rename(FolderOf(id), temporary, error);
+  if (error == std::errc::no_such_file_or_directory) return NoSuchDataset(id);
+  if (error) return files::ErrnoStatus(error.value(), "delete", FolderOf(id));
+  return files::SyncPath(folder_);
+}
+
+absl::Status DatasetStore::Unlist(const std::string& id, const fs::path& temporary) const {
+  const absl::Status listed = Get(id).status();  // adopts a folder that nobody has adopted yet
+  absl::Status status = ledger_->Remove(id, [&] {
+    absl::Status moved = MoveOut(id, temporary);
+    // An earlier call may have been interrupted here.
+    return absl::IsNotFound(moved) ? absl::OkStatus() : moved;
+  });
+  // A damaged manifest cannot be listed.
+  const bool is_damaged = absl::IsDataLoss(listed) && absl::IsNotFound(status);
+  return is_damaged ? MoveOut(id, temporary) : status;
 }
 
 absl::StatusOr<fs::path> DatasetStore::Detach(const std::string& id) {
   // Moves the dataset over an empty folder whose name makes the next Open remove it.
   auto temporary = files::MakeTemporaryFolderFor(FolderOf(id));
   if (!temporary.ok()) return temporary.status();
-  std::error_code error;
-  fs::rename(FolderOf(id), *temporary, error);
-  if (error) {
+  absl::Status status = ledger_ == nullptr ? MoveOut(id, *temporary) : Unlist(id, *temporary);
+  if (!status.ok()) {
     std::error_code ignored;
-    fs::remove(*temporary, ignored);
-    if (error == std::errc::no_such_file_or_directory) return NoSuchDataset(id);
-    return files::ErrnoStatus(error.value(), "delete", FolderOf(id));
+    fs::remove(*temporary, ignored);  // unless the dataset is in it
+    return status;
   }
-  if (absl::Status status = files::SyncPath(folder_); !status.ok()) return status;
   const MutexLock lock(mutex_);
   std::erase_if(summaries_, [&](const auto& entry) { return entry.first.first == id; });
   return *temporary;
 }
 
 absl::StatusOr<DatasetStore::Summaries> DatasetStore::SummariesOf(const std::string& id) {
-  const auto manifest = Get(id);
+  const auto manifest = Read(id);
   if (!manifest.ok()) return manifest.status();
   const std::pair key(id, TimeUtil::TimestampToNanoseconds(manifest->create_time()));
   {
@@ -367,7 +496,7 @@ absl::StatusOr<std::vector<v1::ScenarioSummary>> DatasetStore::ListScenarios(con
 
 absl::StatusOr<v1::DatasetSummary> DatasetStore::Describe(
     const std::string& id, const v1::ModelSpec& spec, const v1::ExampleSettings& settings) const {
-  const auto manifest = Get(id);
+  const auto manifest = Read(id);
   if (!manifest.ok()) return manifest.status();
   const fs::path kept = FolderOf(id) / DescriptionFile(spec, settings);
   std::optional<v1::DatasetSummary> summary = KeptDescription(kept);
@@ -384,7 +513,7 @@ absl::StatusOr<v1::DatasetSummary> DatasetStore::Describe(
 
 absl::StatusOr<v1::Scenario> DatasetStore::GetScenario(const std::string& id,
                                                        const std::string& scenario_id) const {
-  if (absl::Status exists = CheckExists(id); !exists.ok()) return exists;
+  if (absl::Status there = CheckFolder(id); !there.ok()) return WhyUnread(id, there);
   auto scenario = ReadScenario(FolderOf(id), scenario_id);
   if (!scenario.ok()) return WhyUnread(id, scenario.status());
   return scenario;

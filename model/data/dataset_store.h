@@ -1,4 +1,10 @@
 // The datasets of a server: one folder each, named by the dataset's id.
+//
+// Without a ledger a dataset exists while its folder is there. With one (dataset_ledger.h) it exists
+// while the ledger lists it. Then what lists, counts and gets datasets does not read the folder. A
+// folder that the ledger does not know is added to it when a store opens, by AdoptFolders, and when
+// its id is asked for. It is whole: a server died while it published it, or a server without the
+// ledger made it.
 
 #ifndef MANEUVER_MODEL_DATA_DATASET_STORE_H_
 #define MANEUVER_MODEL_DATA_DATASET_STORE_H_
@@ -21,6 +27,7 @@
 #include "maneuver/v1/model_spec.pb.h"
 #include "maneuver/v1/scenario.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
+#include "model/data/dataset_ledger.h"
 #include "model/data/dataset_upload.h"
 
 namespace maneuver::files {
@@ -46,21 +53,28 @@ struct DatasetStoreOptions {
 // Ids must be valid (security::ParseDatasetName). Datasets are immutable: what a caller has read
 // stays true for as long as the dataset exists. Reading, describing or detaching an unknown dataset
 // returns NOT_FOUND. Other errors, besides those that a method names: DATA_LOSS for a damaged
-// dataset, and those of ErrnoStatus (errno_status.h). Thread-safe.
+// dataset, or one whose folder is gone from under the ledger; those of ErrnoStatus (errno_status.h)
+// and of the ledger. Thread-safe.
 class DatasetStore {
  public:
   // Opens the store and creates its folder if needed. Removes what interrupted commits and
-  // deletions left, and uploads that are too old.
-  static absl::StatusOr<std::unique_ptr<DatasetStore>> Open(
-      std::filesystem::path folder, const DatasetStoreOptions& options = {});
+  // deletions left, and uploads that are too old. Calls AdoptFolders.
+  //   ledger: nullptr if no other server can ever use the folder; must outlive the store
+  static absl::StatusOr<std::unique_ptr<DatasetStore>> Open(std::filesystem::path folder,
+                                                            const DatasetStoreOptions& options = {},
+                                                            DatasetLedger* ledger = nullptr);
 
   std::filesystem::path FolderOf(const std::string& id) const { return folder_ / id; }
-  // Returns OK if the dataset exists, and NOT_FOUND if it does not.
+  // Returns OK if the dataset exists and its folder is there, and NOT_FOUND if it does not exist.
   absl::Status CheckExists(const std::string& id) const;
   bool Contains(const std::string& id) const { return CheckExists(id).ok(); }
   absl::StatusOr<v1::Dataset> Get(const std::string& id) const;
-  // Returns at most `limit` ids after `after`, sorted.
-  absl::StatusOr<std::vector<std::string>> List(const std::string& after, size_t limit) const;
+  // Reads the manifest beside the shards, and compares it with them (ReadDatasetManifest). Asks the
+  // ledger only why that failed.
+  absl::StatusOr<v1::Dataset> Read(const std::string& id) const;
+  // Returns at most `limit` manifests, by id, that come after the id `after`. One that is damaged
+  // has a name alone, so that it can be seen and deleted.
+  absl::StatusOr<std::vector<v1::Dataset>> List(const std::string& after, size_t limit) const;
 
   // Begins or continues an upload. Callers never share what has arrived.
   //   caller: the caller's identity; empty if the server does not authenticate callers.
@@ -99,9 +113,13 @@ class DatasetStore {
   // Removes what interrupted uploads left if their last byte arrived more than keep_uploads before
   // `now`.
   absl::Status RemoveAbandonedUploads(std::filesystem::file_time_type now) const;
+  // Adds folders that the ledger does not know to it, but for those whose manifest is damaged.
+  // Removes nothing from it: folders may be away. OK if there is no ledger.
+  absl::Status AdoptFolders() const;
 
   // Removes a dataset from the store in one step. The caller should then delete the returned
-  // folder, which may take long; otherwise the next Open does.
+  // folder, which may take long; otherwise the next Open does. If the ledger is lost meanwhile, the
+  // dataset may stay on its list without a folder. Detaching it again removes it.
   absl::StatusOr<std::filesystem::path> Detach(const std::string& id);
 
   // Returns summaries of at most `limit` recordings, in order, from index `begin`. The first call
@@ -120,7 +138,19 @@ class DatasetStore {
  private:
   using Summaries = std::shared_ptr<const std::vector<v1::ScenarioSummary>>;
 
-  DatasetStore(std::filesystem::path folder, const DatasetStoreOptions& options);
+  DatasetStore(std::filesystem::path folder, const DatasetStoreOptions& options,
+               DatasetLedger* ledger);
+  // Returns OK if the folder of a dataset is there, and NOT_FOUND if it is not.
+  absl::Status CheckFolder(const std::string& id) const;
+  // Returns ALREADY_EXISTS unless a dataset of this id may be made.
+  absl::Status CheckAbsent(const std::string& id) const;
+  // Returns the names in the folder that may be datasets, sorted.
+  absl::StatusOr<std::vector<std::string>> FolderNames() const;
+  // Adds the folder of `id` to the ledger, unless it is there. NOT_FOUND if there is none.
+  absl::Status AdoptFolder(const std::string& id) const;
+  absl::Status MoveOut(const std::string& id, const std::filesystem::path& temporary) const;
+  // Takes a dataset from the list, and MoveOut.
+  absl::Status Unlist(const std::string& id, const std::filesystem::path& temporary) const;
   absl::Status CheckRoom(uint64_t wanted, uint64_t arrived, uint64_t announced, uint64_t missing,
                          uint64_t broken_off) const;
   absl::StatusOr<int64_t> TotalBytes() const;
@@ -130,6 +160,7 @@ class DatasetStore {
 
   const std::filesystem::path folder_;
   const DatasetStoreOptions options_;
+  DatasetLedger* const ledger_;  // nullptr: none
   const std::shared_ptr<files::UploadStaging> staging_;
   Mutex mutex_;
   // Results of ListScenarios, by id and time of creation.

@@ -95,6 +95,7 @@ class FolderWriter final : public DatasetWriter {
                const DatasetWriterOptions& options)
       : folder_(std::move(folder)),
         temporary_(std::move(temporary)),
+        publish_(options.publish),
         scenarios_(temporary_, "scenarios", v1::SHARD_CONTENT_SCENARIOS, options.shard_bytes),
         annotations_(temporary_, "annotations", v1::SHARD_CONTENT_ANNOTATIONS,
                      options.shard_bytes) {
@@ -143,7 +144,10 @@ class FolderWriter final : public DatasetWriter {
     }
     *manifest_.mutable_create_time() = google::protobuf::util::TimeUtil::GetCurrentTime();
     failed_ = WriteDatasetManifest(temporary_, manifest_);
-    if (failed_.ok()) failed_ = files::PublishFolder(temporary_, folder_);
+    if (failed_.ok()) {
+      failed_ =
+          publish_ ? publish_(temporary_, manifest_) : files::PublishFolder(temporary_, folder_);
+    }
     if (!failed_.ok()) return failed_;
     committed_ = true;
     return manifest_;
@@ -163,6 +167,7 @@ class FolderWriter final : public DatasetWriter {
 
   const std::filesystem::path folder_;
   const std::filesystem::path temporary_;
+  const PublishDataset publish_;
   ShardSeries scenarios_;
   ShardSeries annotations_;
   v1::Dataset manifest_;

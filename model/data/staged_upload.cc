@@ -8,7 +8,6 @@
 #include "model/data/dataset_folder.h"
 #include "model/data/dataset_manifest.h"
 #include "model/data/recording_index.h"
-#include "model/files/durable_file.h"
 
 namespace maneuver::data {
 namespace {
@@ -18,10 +17,11 @@ using google::protobuf::util::TimeUtil;
 
 class StagedUpload final : public DatasetUpload {
  public:
-  StagedUpload(std::string id, fs::path folder, v1::Dataset manifest,
+  StagedUpload(std::string id, fs::path folder, PublishDataset publish, v1::Dataset manifest,
                std::unique_ptr<files::FileReceiver> shards)
       : id_(std::move(id)),
         folder_(std::move(folder)),
+        publish_(std::move(publish)),
         manifest_(std::move(manifest)),
         shards_(std::move(shards)) {}
 
@@ -29,7 +29,7 @@ class StagedUpload final : public DatasetUpload {
 
   absl::StatusOr<v1::Dataset> Commit() override {
     const absl::Status status = shards_->Commit(folder_, [this](const fs::path& temporary) {
-      return PublishDataset(id_, temporary, folder_, &manifest_);
+      return FinishDataset(id_, temporary, publish_, &manifest_);
     });
     if (!status.ok()) return status;
     return manifest_;
@@ -40,6 +40,7 @@ class StagedUpload final : public DatasetUpload {
  private:
   const std::string id_;
   const fs::path folder_;
+  const PublishDataset publish_;
   v1::Dataset manifest_;
   const std::unique_ptr<files::FileReceiver> shards_;
 };
@@ -61,8 +62,8 @@ std::vector<files::AnnouncedFile> ShardFiles(const v1::Dataset& manifest) {
   return announced;
 }
 
-absl::Status PublishDataset(const std::string& id, const fs::path& temporary,
-                            const fs::path& folder, v1::Dataset* manifest) {
+absl::Status FinishDataset(const std::string& id, const fs::path& temporary,
+                           const PublishDataset& publish, v1::Dataset* manifest) {
   manifest->set_name(absl::StrCat("datasets/", id));
   *manifest->mutable_create_time() = TimeUtil::GetCurrentTime();
   absl::Status status = WriteDatasetManifest(temporary, *manifest);
@@ -73,14 +74,15 @@ absl::Status PublishDataset(const std::string& id, const fs::path& temporary,
   if (!status.ok()) return status;
   status = RecordingIndex::Open(temporary).status();  // indexes each shard
   if (!status.ok()) return status;
-  status = files::PublishFolder(temporary, folder);
+  status = publish(temporary, *manifest);
   return absl::IsAlreadyExists(status) ? DatasetExists(id) : status;
 }
 
-std::unique_ptr<DatasetUpload> StageDataset(std::string id, fs::path folder, v1::Dataset manifest,
+std::unique_ptr<DatasetUpload> StageDataset(std::string id, fs::path folder, PublishDataset publish,
+                                            v1::Dataset manifest,
                                             std::unique_ptr<files::FileReceiver> shards) {
-  return std::make_unique<StagedUpload>(std::move(id), std::move(folder), std::move(manifest),
-                                        std::move(shards));
+  return std::make_unique<StagedUpload>(std::move(id), std::move(folder), std::move(publish),
+                                        std::move(manifest), std::move(shards));
 }
 
 }  // namespace maneuver::data

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "maneuver/v1/dataset.pb.h"
+#include "model/data/dataset_folder.h"
 #include "model/data/dataset_upload.h"
 #include "model/files/file_receiver.h"
 
@@ -20,17 +21,17 @@ absl::Status DatasetExists(const std::string& id);
 // Returns the shards of a manifest as files to receive.
 std::vector<files::AnnouncedFile> ShardFiles(const v1::Dataset& manifest);
 
-// Publishes a temporary folder with all shards as the dataset `id` in `folder`: completes and
-// writes its manifest, verifies everything, and indexes each shard.
+// Makes a temporary folder with all shards a dataset: completes and writes its manifest, verifies
+// everything, indexes each shard, and publishes the folder.
 //   INVALID_ARGUMENT: the files differ from the manifest, or a record is not valid.
 //   ALREADY_EXISTS: another upload of this id was completed first.
-absl::Status PublishDataset(const std::string& id, const std::filesystem::path& temporary,
-                            const std::filesystem::path& folder, v1::Dataset* manifest);
+absl::Status FinishDataset(const std::string& id, const std::filesystem::path& temporary,
+                           const PublishDataset& publish, v1::Dataset* manifest);
 
 // Returns an upload that becomes the dataset `id` in `folder`.
 //   shards: receives the shards of `manifest`.
 std::unique_ptr<DatasetUpload> StageDataset(std::string id, std::filesystem::path folder,
-                                            v1::Dataset manifest,
+                                            PublishDataset publish, v1::Dataset manifest,
                                             std::unique_ptr<files::FileReceiver> shards);
 
 }  // namespace maneuver::data

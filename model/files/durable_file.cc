@@ -103,14 +103,22 @@ absl::Status SyncPath(const fs::path& path) {
 }
 
 absl::Status PublishFolder(const fs::path& temporary, const fs::path& folder) {
+  if (absl::Status status = SyncFolder(temporary); !status.ok()) return status;
+  return MoveIntoPlace(temporary, folder);
+}
+
+absl::Status SyncFolder(const fs::path& folder) {
   std::error_code error;
-  fs::recursive_directory_iterator entry(temporary, error);
+  fs::recursive_directory_iterator entry(folder, error);
   for (; !error && entry != fs::recursive_directory_iterator(); entry.increment(error)) {
     if (!entry->is_regular_file(error) && !entry->is_directory(error)) continue;
     if (const absl::Status status = SyncPath(entry->path()); !status.ok()) return status;
   }
-  if (error) return ErrnoStatus(error.value(), "read", temporary);
-  if (const absl::Status status = SyncPath(temporary); !status.ok()) return status;
+  if (error) return ErrnoStatus(error.value(), "read", folder);
+  return SyncPath(folder);
+}
+
+absl::Status MoveIntoPlace(const fs::path& temporary, const fs::path& folder) {
   if (const int reason = RenameToNew(temporary, folder); reason != 0) {
     return ErrnoStatus(reason, "create", folder);
   }

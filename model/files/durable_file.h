@@ -23,10 +23,14 @@ absl::Status WriteFileAtomically(const std::filesystem::path& file, std::string_
 // Calls fsync on a file or a folder.
 absl::Status SyncPath(const std::filesystem::path& path);
 
-// Renames a finished temporary folder to its final name: syncs each of its files and the folder,
-// renames it and syncs the parent. ALREADY_EXISTS if `folder` exists; the temporary folder then
-// stays.
+// Renames a finished temporary folder to its final name: SyncFolder, then MoveIntoPlace.
 absl::Status PublishFolder(const std::filesystem::path& temporary,
+                           const std::filesystem::path& folder);
+// Syncs a folder and all that is in it. May take long.
+absl::Status SyncFolder(const std::filesystem::path& folder);
+// Renames a folder that is synced and syncs the parent. ALREADY_EXISTS if `folder` exists; the
+// temporary folder then stays.
+absl::Status MoveIntoPlace(const std::filesystem::path& temporary,
                            const std::filesystem::path& folder);
 
 // Creates an empty folder beside `folder`, named ".<name>.tmp-<random>". RemoveTemporaries finds

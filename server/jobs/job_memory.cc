@@ -37,7 +37,7 @@ absl::StatusOr<v1::JobMemory> EstimateMemory(const v1::Job& job, const v1::Model
   v1::JobMemory memory;
   int64_t recordings = 0;
   for (const std::string& id : DatasetIds(job)) {
-    absl::StatusOr<v1::Dataset> dataset = datasets.Get(id);
+    absl::StatusOr<v1::Dataset> dataset = datasets.Read(id);
     if (!dataset.ok()) return WithDefaultReason(dataset.status(), "DATASET_DAMAGED");
     recordings += dataset->recordings();
     for (const v1::Shard& shard : dataset->shards()) {

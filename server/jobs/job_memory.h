@@ -16,7 +16,7 @@ namespace maneuver::jobs {
 //   job: with complete settings
 //   spec: the spec of the model to evaluate; for a training, the settings contain it
 //   data_memory: JobLimits.data_memory
-// Errors: those of DatasetStore::Get.
+// Errors: those of DatasetStore::Read.
 absl::StatusOr<v1::JobMemory> EstimateMemory(const v1::Job& job, const v1::ModelSpec& spec,
                                              const data::DatasetStore& datasets,
                                              int64_t data_memory);

@@ -81,7 +81,7 @@ JobPromotion::JobPromotion(v1::Job& job, fs::path folder, const JobAttempt& atte
       criteria_(ResolveCriteria(request_.criteria)) {}
 
 absl::StatusOr<PromotionTask> JobPromotion::Task() const {
-  const auto dataset = attempt_.environment.datasets->Get(
+  const auto dataset = attempt_.environment.datasets->Read(
       std::string(absl::StripPrefix(criteria_.dataset(), "datasets/")));
   if (!dataset.ok()) return WithDefaultReason(dataset.status(), "UNUSABLE_DATA");
   return PromotionTask{request_.model, job_.model_version(), criteria_,

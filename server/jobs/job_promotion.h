@@ -33,7 +33,7 @@ class JobPromotion final : public PromotionVersions {
   bool IsDecided() const { return job_.has_promotion_decision(); }
   // Returns whether measurements decide, which they do with PROMOTION_IF_NO_WORSE.
   bool IsByMeasurement() const { return request_.promotion == v1::PROMOTION_IF_NO_WORSE; }
-  // Returns the decision to make. Errors: those of DatasetStore::Get for the criteria's dataset,
+  // Returns the decision to make. Errors: those of DatasetStore::Read for the criteria's dataset,
   // with the reason UNUSABLE_DATA.
   absl::StatusOr<PromotionTask> Task() const;
 

@@ -47,7 +47,7 @@ Measured Measure(v1::Job& job, const MeasuringTask& task, const std::filesystem:
   const auto model = ResolveReference(*environment.versions, task.model);
   if (!model.ok()) return failed(model.status(), "MODEL_UNAVAILABLE");
   const std::string id(absl::StripPrefix(task.dataset, "datasets/"));
-  const auto dataset = environment.datasets->Get(id);
+  const auto dataset = environment.datasets->Read(id);
   if (!dataset.ok()) return failed(dataset.status(), "UNUSABLE_DATA");
   RemoveJobOutput(folder);
   Measured measured;

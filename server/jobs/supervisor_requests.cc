@@ -228,6 +228,8 @@ absl::Status Supervisor::CheckDatasets(const v1::Job& job) const {
     const absl::Status exists = datasets_.CheckExists(id);
     if (exists.ok()) continue;
     if (files::IsFileSystemFailure(exists)) return errors::WithFolderReason(exists, "datasets");
+    if (errors::IsStoreAway(exists)) return exists;
+    if (absl::IsDataLoss(exists)) return errors::WithReason(exists, "DATASET_DAMAGED");
     return errors::WithReason(
         absl::NotFoundError(absl::StrCat("there is no datasets/", id, "; upload it first")),
         "DATASET_NOT_FOUND", {{"dataset", absl::StrCat("datasets/", id)}});

@@ -237,7 +237,8 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   metrics->WatchDisk(options.data_dir);
   const auto store = store::OpenStore(options.data_dir, options.store, options.is_shared, *metrics);
   if (!store.ok()) return store.status();
-  const auto datasets = data::DatasetStore::Open(options.data_dir / "datasets", options.datasets);
+  const auto datasets = data::DatasetStore::Open(options.data_dir / "datasets", options.datasets,
+                                                 (*store)->Datasets());
   if (!datasets.ok()) return datasets.status();
   const auto versions =
       serving::VersionStore::Open(options.data_dir / "models", (*store)->Ledger());
@@ -266,6 +267,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   retention.AlsoSweep([&datasets] {
     return (*datasets)->RemoveAbandonedUploads(std::filesystem::file_time_type::clock::now());
   });
+  retention.AlsoSweep([&datasets] { return (*datasets)->AdoptFolders(); });
   retention.AlsoSweep([&version_uploads] {
     return version_uploads.RemoveAbandoned(std::filesystem::file_time_type::clock::now());
   });

@@ -31,7 +31,8 @@ Usage: maneuverd store COMMAND [OPTIONS]
   migrate   Makes the tables in the database of --store, or brings those of an earlier release up to
             date. Without --store: those of the data folder. Servers that share the store may run
             meanwhile, unless it says that they have to stop
-  check     Reads every job, event and alias, compares them with their checksums, and counts them
+  check     Reads every job, event, alias and manifest of a dataset, compares them with their
+            checksums, and counts them
   copy      Copies jobs and aliases of the data folder into the empty database of --store, to which
             the folder then belongs; maneuver.db stays as maneuver.db.copied
 

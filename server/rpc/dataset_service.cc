@@ -6,6 +6,7 @@
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/strip.h"
 #include "model/artifact/training_presets.h"
 #include "server/rpc/blocking_call.h"
 #include "server/rpc/dataset_upload.h"
@@ -24,19 +25,13 @@ absl::Status ListPage(const data::DatasetStore& datasets, const v1::ListDatasets
   const std::string& after = request.page_token();
   if (!after.empty() && !security::IsResourceId(after)) return WrongPageToken();
   const auto limit = static_cast<size_t>(*page_size);
-  auto ids = datasets.List(after, limit + 1);
-  if (!ids.ok()) return WithDatasetReason(ids.status());
-  if (ids->size() > limit) {
-    ids->resize(limit);
-    response->set_next_page_token(ids->back());
+  auto page = datasets.List(after, limit + 1);
+  if (!page.ok()) return WithDatasetReason(page.status());
+  if (page->size() > limit) {
+    page->resize(limit);
+    response->set_next_page_token(std::string(absl::StripPrefix(page->back().name(), "datasets/")));
   }
-  for (const std::string& id : *ids) {
-    auto dataset = datasets.Get(id);
-    if (absl::IsNotFound(dataset.status())) continue;  // deleted meanwhile
-    // A damaged one is listed by its name alone, so that it can be seen and deleted.
-    if (!dataset.ok()) response->add_datasets()->set_name(absl::StrCat("datasets/", id));
-    if (dataset.ok()) *response->add_datasets() = *std::move(dataset);
-  }
+  for (v1::Dataset& dataset : *page) *response->add_datasets() = std::move(dataset);
   return absl::OkStatus();
 }
 

@@ -71,6 +71,15 @@ constexpr char kVersion3[] = R"sql(
   CREATE INDEX replicas_by_seen ON replicas (seen);
 )sql";
 
+constexpr char kVersion4[] = R"sql(
+  CREATE TABLE datasets (
+    id TEXT COLLATE "C" PRIMARY KEY,
+    bytes BIGINT NOT NULL,                     -- of the shards; 0: they lie elsewhere, in place
+    manifest BYTEA NOT NULL                    -- maneuver.v1.Dataset
+  );
+  CREATE INDEX datasets_by_bytes ON datasets (bytes);
+)sql";
+
 // Tries to take a lock of the session until `patience` is over, which returns `refusal`.
 //   lock: a statement that returns whether it took the lock
 absl::Status TakeLock(PostgresqlConnection& connection, const SqlStatement& lock,
@@ -121,8 +130,10 @@ absl::StatusOr<SchemaVersion> RunSteps(PostgresqlConnection& connection,
 }  // namespace
 
 const std::vector<SchemaStep>& StoreMigrations() {
-  static const auto* const steps =
-      new std::vector<SchemaStep>{{kVersion1}, {kVersion2}, {kVersion3, /*is_addition=*/true}};
+  static const auto* const steps = new std::vector<SchemaStep>{{kVersion1},
+                                                               {kVersion2},
+                                                               {kVersion3, /*is_addition=*/true},
+                                                               {kVersion4, /*is_addition=*/true}};
   return *steps;
 }
 

@@ -10,6 +10,7 @@
 #include "absl/strings/str_replace.h"
 #include "locks/mutex.h"
 #include "server/jobs/job_state.h"
+#include "server/store/postgresql_dataset_ledger.h"
 #include "server/store/postgresql_listener.h"
 #include "server/store/postgresql_session.h"
 #include "server/store/stored_job.h"
@@ -106,6 +107,7 @@ class SessionStore final : public PostgresqlStore,
         session_(std::move(session)) {}
 
   serving::VersionLedger* Ledger() override { return this; }
+  data::DatasetLedger* Datasets() override { return &datasets_; }
   jobs::ReplicaRegistry* Replicas() override { return IsShared() ? this : nullptr; }
   std::unique_ptr<StoreListener> ListenForModels(std::function<void()> changed) override {
     if (!IsShared()) return nullptr;
@@ -666,6 +668,9 @@ class SessionStore final : public PostgresqlStore,
   // One connection, one transaction at a time.
   Mutex mutex_;
   const std::unique_ptr<PostgresqlSession> session_ ABSL_PT_GUARDED_BY(mutex_);
+  PostgresqlDatasetLedger datasets_{
+      [this](const SqlStatement& statement) { return Read(statement); },
+      [this](const PostgresqlSession::Change& change) { return Write(change); }};
 };
 
 absl::StatusOr<std::unique_ptr<PostgresqlStore>> OpenSession(const std::string& address,

@@ -1,4 +1,4 @@
-// Jobs and aliases in a PostgreSQL database, version 15 or later.
+// Jobs, aliases, and lists of versions and datasets in a PostgreSQL database, version 15 or later.
 //
 // One server owns the store, or several share it (postgresql_session.h). Leases in a shared store
 // end by the database's clock. Every change is one transaction, so a call that returned OK survives

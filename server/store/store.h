@@ -1,5 +1,5 @@
 // What a server keeps beside its files: jobs with their progress, and aliases. A store that several
-// servers may share also says which versions exist.
+// servers may share also says which versions and datasets exist.
 
 #ifndef MANEUVER_SERVER_STORE_STORE_H_
 #define MANEUVER_SERVER_STORE_STORE_H_
@@ -7,6 +7,7 @@
 #include <functional>
 #include <memory>
 
+#include "model/data/dataset_ledger.h"
 #include "server/jobs/job_store.h"
 #include "server/jobs/replica_registry.h"
 #include "server/serving/alias_store.h"
@@ -24,6 +25,8 @@ class Store : public jobs::JobStore, public serving::AliasStore {
  public:
   // Returns the ledger of versions; nullptr if no other server can ever use this store.
   virtual serving::VersionLedger* Ledger() { return nullptr; }
+  // Returns the ledger of datasets; nullptr if no other server can ever use this store.
+  virtual data::DatasetLedger* Datasets() { return nullptr; }
   // Returns the list of the servers that share this store; nullptr if no other server uses it.
   virtual jobs::ReplicaRegistry* Replicas() { return nullptr; }
   // Calls `changed`, from a thread of the returned object, soon after a server has changed an alias

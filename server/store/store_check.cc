@@ -23,6 +23,15 @@ absl::StatusOr<int64_t> CountEvents(Store& store, const std::string& job) {
   }
 }
 
+absl::StatusOr<int64_t> CountDatasets(data::DatasetLedger& ledger) {
+  const auto ids = ledger.ListIds();
+  if (!ids.ok()) return ids.status();
+  for (const std::string& id : *ids) {
+    if (const auto manifest = ledger.Get(id); !manifest.ok()) return manifest.status();
+  }
+  return static_cast<int64_t>(ids->size());
+}
+
 }  // namespace
 
 std::string StoreContents::ToString() const {
@@ -32,10 +41,11 @@ std::string StoreContents::ToString() const {
     all += count;
     states.push_back(absl::StrCat(count, " ", std::string(jobs::JobStateLabel(state))));
   }
-  return absl::StrCat(all, all == 1 ? " job" : " jobs",
-                      states.empty() ? "" : absl::StrCat(" (", absl::StrJoin(states, ", "), ")"),
-                      ", ", events, events == 1 ? " event, " : " events, ", aliases,
-                      aliases == 1 ? " alias" : " aliases");
+  return absl::StrCat(
+      all, all == 1 ? " job" : " jobs",
+      states.empty() ? "" : absl::StrCat(" (", absl::StrJoin(states, ", "), ")"), ", ", events,
+      events == 1 ? " event, " : " events, ", aliases, aliases == 1 ? " alias" : " aliases",
+      datasets ? absl::StrCat(", ", *datasets, *datasets == 1 ? " dataset" : " datasets") : "");
 }
 
 absl::StatusOr<StoreContents> CheckStore(Store& store) {
@@ -55,6 +65,11 @@ absl::StatusOr<StoreContents> CheckStore(Store& store) {
   const auto aliases = store.ListAliases();
   if (!aliases.ok()) return aliases.status();
   contents.aliases = static_cast<int64_t>(aliases->size());
+  if (data::DatasetLedger* ledger = store.Datasets()) {
+    const auto datasets = CountDatasets(*ledger);
+    if (!datasets.ok()) return datasets.status();
+    contents.datasets = *datasets;
+  }
   return contents;
 }
 

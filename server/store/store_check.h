@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <string>
 
 #include "absl/status/statusor.h"
@@ -17,13 +18,14 @@ struct StoreContents {
   std::map<v1::JobState, int64_t> jobs;
   int64_t events = 0;
   int64_t aliases = 0;
+  std::optional<int64_t> datasets;  // nothing: the store has no ledger of them
 
   bool operator==(const StoreContents&) const = default;
-  // Returns text such as "3 jobs (1 pending, 2 succeeded), 40 events, 2 aliases".
+  // Returns text such as "3 jobs (1 pending, 2 succeeded), 40 events, 2 aliases, 5 datasets".
   std::string ToString() const;
 };
 
-// Reads every job, event and alias, compares each with its checksum, and counts them. DATA_LOSS for
+// Reads every job, event, alias and manifest of a dataset, compares each with its checksum, and counts them. DATA_LOSS for
 // the first one that is damaged; other errors: those of the store.
 absl::StatusOr<StoreContents> CheckStore(Store& store);
 

@@ -109,16 +109,17 @@ absl::Status CopyOnce(const fs::path& data_dir, const std::string& address) {
   if (absl::Status status = CheckSchema(connection); !status.ok()) return status;
   if (absl::Status status = connection.SetPatience(kCopyPatience); !status.ok()) return status;
   const auto present = connection.Run(
-      "SELECT id, (SELECT count(*) FROM jobs), (SELECT count(*) FROM aliases) FROM store");
+      "SELECT id, (SELECT count(*) FROM jobs), (SELECT count(*) FROM aliases),"
+      " (SELECT count(*) FROM datasets) FROM store");
   if (!present.ok()) return present.status();
   const std::string id = present->Bytes(0, 0);
   const auto bound = StoreIdOf(data_dir);
   if (!bound.ok()) return bound.status();
-  if (present->Int(0, 1) + present->Int(0, 2) > 0) {
+  if (present->Int(0, 1) + present->Int(0, 2) + present->Int(0, 3) > 0) {
     if (*bound == id) return absl::OkStatus();  // cut off after it was committed
-    return absl::FailedPreconditionError(
-        absl::StrCat("the database of --store already holds ", present->Int(0, 1), " jobs and ",
-                     present->Int(0, 2), " aliases; copy into an empty one"));
+    return absl::FailedPreconditionError(absl::StrCat(
+        "the database of --store already holds ", present->Int(0, 1), " jobs, ", present->Int(0, 2),
+        " aliases and ", present->Int(0, 3), " datasets; copy into an empty one"));
   }
   // First: if the copy is committed and then cut off, no server starts over the old store.
   if (absl::Status status = WriteStoreId(data_dir, id); !status.ok()) return status;
@@ -150,8 +151,9 @@ absl::StatusOr<StoreContents> CopyStore(const fs::path& data_dir, const std::str
   if (absl::Status status = CopyOnce(data_dir, address); !status.ok()) return status;
   const auto target = PostgresqlStore::Open(address);
   if (!target.ok()) return target.status();
-  const auto copied = CheckStore(**target);
+  auto copied = CheckStore(**target);
   if (!copied.ok()) return copied.status();
+  copied->datasets = contents.datasets;  // the first server adds those of the folder
   if (*copied != contents) {
     return absl::DataLossError(absl::StrCat("the database of --store holds ", copied->ToString(),
                                             ", and ", file.string(), " holds ", contents.ToString(),

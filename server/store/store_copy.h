@@ -1,4 +1,5 @@
-// Brings jobs and aliases from the embedded store of a data folder into PostgreSQL.
+// Brings jobs and aliases from the embedded store of a data folder into PostgreSQL. The first server
+// over it adds the folder's versions and datasets to their ledgers.
 
 #ifndef MANEUVER_SERVER_STORE_STORE_COPY_H_
 #define MANEUVER_SERVER_STORE_STORE_COPY_H_
@@ -16,7 +17,7 @@ namespace maneuver::store {
 // caller holds the lock of the folder.
 //
 // A copy that was cut off is continued by another call. NOT_FOUND if the folder has no embedded
-// store; FAILED_PRECONDITION if the database already holds jobs or aliases, or this release cannot
+// store; FAILED_PRECONDITION if the database already holds jobs, aliases or datasets, or this release cannot
 // use its tables (CheckSchema); UNAVAILABLE if another process holds the database, or it cannot be
 // reached; DATA_LOSS if a row is damaged, or the stores differ in the end.
 absl::StatusOr<StoreContents> CopyStore(const std::filesystem::path& data_dir,

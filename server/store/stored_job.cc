@@ -55,6 +55,10 @@ std::string StoredProgress(const v1::JobProgress& progress) {
   return WithChecksum(progress.SerializeAsString());
 }
 
+std::string StoredDataset(const v1::Dataset& manifest) {
+  return WithChecksum(manifest.SerializeAsString());
+}
+
 absl::StatusOr<v1::JobProgress> ParseStoredProgress(const std::string& bytes) {
   v1::JobProgress progress;
   if (!ParseChecked(bytes, &progress)) {
@@ -79,6 +83,15 @@ absl::StatusOr<v1::Job> ParseStoredJob(const JobKey& key, const std::string& byt
     if (job.state() == v1::JOB_STATE_SUCCEEDED) job.mutable_progress()->set_fraction(1.0);
   }
   return job;
+}
+
+absl::StatusOr<v1::Dataset> ParseStoredDataset(const std::string& name, const std::string& bytes) {
+  v1::Dataset manifest;
+  if (!ParseChecked(bytes, &manifest) || manifest.name() != name) {
+    return absl::DataLossError(
+        absl::StrCat("the job store holds a manifest that is damaged: ", name));
+  }
+  return manifest;
 }
 
 int64_t CreateMicros(const v1::Job& job) {

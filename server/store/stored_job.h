@@ -1,4 +1,4 @@
-// Encodes jobs for storage, and makes the errors of a job store, for any database. Private to the
+// Encodes jobs and manifests for storage, and makes the errors of a job store, for any database. Private to the
 // stores.
 
 #ifndef MANEUVER_SERVER_STORE_STORED_JOB_H_
@@ -10,6 +10,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "maneuver/v1/dataset.pb.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "server/jobs/job_store.h"
 #include "server/security/resource_name.h"
@@ -23,6 +24,7 @@ namespace maneuver::store {
 // A job's row is maneuver.v1.Job without progress, which has rows of its own.
 std::string StoredJob(v1::Job job);
 std::string StoredProgress(const v1::JobProgress& progress);
+std::string StoredDataset(const v1::Dataset& manifest);
 
 // Returns the event of a row. DATA_LOSS if its CRC does not match, or it does not parse.
 absl::StatusOr<v1::JobProgress> ParseStoredProgress(const std::string& bytes);
@@ -36,6 +38,10 @@ struct JobKey {
 // ParseStoredProgress, or if the key differs from the job's.
 absl::StatusOr<v1::Job> ParseStoredJob(const JobKey& key, const std::string& job,
                                        const std::optional<std::string>& progress);
+
+// Returns the manifest of a row. DATA_LOSS as for ParseStoredProgress, or if its name differs.
+//   name: datasets/{id}, after the row's key
+absl::StatusOr<v1::Dataset> ParseStoredDataset(const std::string& name, const std::string& bytes);
 
 // Returns when the job was created, microseconds since 1970.
 int64_t CreateMicros(const v1::Job& job);

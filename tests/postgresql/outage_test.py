@@ -109,6 +109,9 @@ def check_refused(client, job, ended, errors):
         "promote": lambda: client.set_model_alias("models/small/aliases/serving", "models/small/versions/2", timeout=10),
         "remove an alias": lambda: client.delete_model_alias("models/small/aliases/serving", timeout=10),
         "delete a version": lambda: client.delete_model_version("models/small/versions/2", timeout=10),
+        "list datasets": lambda: list(client.list_datasets(timeout=10)),
+        "get a dataset": lambda: client.get_dataset("datasets/town", timeout=10),
+        "delete a dataset": lambda: client.delete_dataset("datasets/town", timeout=10),
     }
     for name, change in changes.items():
         try:
@@ -150,7 +153,7 @@ def lose_database(options, fleet, pulse, settings, calm, errors):
     direct[1].set_model_alias("models/small/aliases/serving", "models/small/versions/2")
     follow_alias(fleet, pulse, 2)
     window.end()
-    print(f"database away for {options.outage} s: {rounds * 24} changes refused, each UNAVAILABLE with a delay")
+    print(f"database away for {options.outage} s: {rounds * 33} changes refused, each UNAVAILABLE with a delay")
 
 
 def list_or_nothing(client, errors):
@@ -226,13 +229,13 @@ def check_folder_away(calls, errors):
 
 
 def check_folder_fails(fleet, errors):
-    """Nothing is said to be gone, full or damaged that only cannot be reached now."""
+    """Nothing is said to be gone, full or damaged that only cannot be reached now. The database knows the datasets."""
     for server in fleet.servers:
         client = fleet.client(server.address, retries=0)
+        check([dataset.name for dataset in client.list_datasets(timeout=10)] == ["datasets/town"], "datasets are listed")
+        check(client.get_dataset("datasets/town", timeout=10).recordings == 8, "a dataset is known")
         check_folder_away([
             ("datasets", "upload", lambda: upload_dataset(fleet, client)),
-            ("datasets", "list", lambda: list(client.list_datasets(timeout=10))),
-            ("datasets", "get", lambda: client.get_dataset("datasets/town", timeout=10)),
             ("datasets", "describe", lambda: client.describe_dataset("datasets/town", timeout=10)),
             ("datasets", "delete", lambda: client.delete_dataset("datasets/town", timeout=10)),
             ("datasets", "train", lambda: client.train("models/lost", ["datasets/town"], timeout=10)),

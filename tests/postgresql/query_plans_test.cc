@@ -1,5 +1,5 @@
 // What a store asks of PostgreSQL stays cheap when there are 10,000 jobs, 1,000 versions and 1,000
-// aliases.
+// datasets.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -40,7 +40,9 @@ class QueryPlansTest : public postgresql::WithStore {
                 "1000) AS i;"
                 "INSERT INTO versions SELECT 'old' || i % 50, i / 50, 2 FROM generate_series(1001, "
                 "5000)"
-                " AS i; ANALYZE"));
+                " AS i;"
+                "INSERT INTO datasets SELECT 'old' || i, i, '' FROM generate_series(1, 1000) AS i;"
+                " ANALYZE"));
     ASSERT_TRUE(filled.ok()) << filled;
   }
 
@@ -91,6 +93,20 @@ class QueryPlansTest : public postgresql::WithStore {
     ASSERT_TRUE(ledger.Retract(name).ok());
     ASSERT_EQ(ledger.ListVersions()->size(), 1001u);
   }
+
+  static void ChangeDatasets(Store& store) {
+    data::DatasetLedger& ledger = *store.Datasets();
+    const auto folder_is_there = [] { return absl::OkStatus(); };
+    v1::Dataset manifest;
+    manifest.set_name("datasets/town");
+    ASSERT_TRUE(ledger.Add(manifest, 1'000, folder_is_there).ok());
+    ASSERT_TRUE(absl::IsAlreadyExists(ledger.Add(manifest, 1'000, folder_is_there)));
+    ASSERT_TRUE(ledger.Get("town").ok());
+    ASSERT_EQ(ledger.List("old5", 50)->size(), 50u);
+    ASSERT_EQ(ledger.ListIds()->size(), 1001u);
+    ASSERT_EQ(*ledger.TotalBytes(), 501'500);
+    ASSERT_TRUE(ledger.Remove("town", folder_is_there).ok());
+  }
 };
 
 TEST_F(QueryPlansTest, EachStatementReadsOnlyRowsThatItWants) {
@@ -100,6 +116,7 @@ TEST_F(QueryPlansTest, EachStatementReadsOnlyRowsThatItWants) {
   ASSERT_TRUE(store.ok()) << store.status();
   RunJobs(**store);
   ChangeVersions(**store);
+  ChangeDatasets(**store);
   const auto plans = postgresql::ReadPlans(cluster_->log());
   std::set<std::string> statements;
   for (size_t i = before; i < plans.size(); ++i) {

@@ -170,9 +170,9 @@ def move(options, work, server, cluster):
     check("maneuverd store copy" in refusal(options, data, "--store", uri), "a folder with jobs is not served yet")
     check("maneuverd store migrate" in store(options, "copy", *flags).stderr, "tables have to be made first")
     made = store(options, "migrate", "--store", uri)
-    check(made.stdout == "made a store with schema version 3\n", made.stdout + made.stderr)
+    check(made.stdout == "made a store with schema version 4\n", made.stdout + made.stderr)
     again = store(options, "migrate", "--store", uri)
-    check(again.stdout == "the store has schema version 3 already\n", again.stdout + again.stderr)
+    check(again.stdout == "the store has schema version 4 already\n", again.stdout + again.stderr)
     copied = store(options, "copy", *flags)
     check(copied.returncode == 0 and copied.stdout.startswith("copied 1 job (1 succeeded), "),
           copied.stdout + copied.stderr)
@@ -202,6 +202,12 @@ def away(server, cluster, scene, outage_s):
     wait_for(lambda: server.ask("job", "list").returncode == 0, "the server finds the database again")
     check(server.store_available(), "the metric says that the database is back")
     return predictions
+
+
+def has_row_of(backup, dataset):
+    rows = subprocess.run(["pg_restore", "--data-only", "--table=datasets", "--file=-", backup / "maneuver.dump"],
+                          check=True, capture_output=True, text=True).stdout
+    return re.search(rf"^{dataset}\t", rows, re.MULTILINE) is not None
 
 
 def run(options, work, servers, cluster):
@@ -249,6 +255,9 @@ def run(options, work, servers, cluster):
     check(script("backup.sh", data, work / "backup").returncode == 2, "a back-up needs both halves")
     expect_done(script("backup.sh", data, work / "backup", "--store", cluster.uri()))
     check(script("restore.sh", work / "backup", work / "restored").returncode == 2, "and so does restoring")
+    expect_done(script("backup.sh", data, work / "small-backup", "--store", cluster.uri(), "--without-datasets"))
+    check([has_row_of(work / folder, "town") for folder in ("backup", "small-backup")] == [True, False],
+          "a back-up without datasets lists none")
     expect_done(script("restore.sh", work / "backup", work / "restored", "--store", uri))
     other = Server(options, work / "restored", "--store", uri)
     servers.append(other)

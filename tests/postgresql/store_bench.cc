@@ -1,5 +1,5 @@
-// How long a shared store takes with 10,000 jobs, 1,000 versions and aliases, and a folder with 1,000
-// datasets, while two other servers follow it.
+// How long a shared store takes with 10,000 jobs, 1,000 versions, aliases and datasets, while two
+// other servers follow it. The calls about datasets take turns with those of a folder alone.
 //
 //   cmake --build --preset release --target store_bench && build/release/tests/store_bench
 
@@ -14,6 +14,7 @@
 #include <memory>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -36,6 +37,7 @@ constexpr int kWatched = 200;
 constexpr int kVersions = 1'000;
 constexpr int kDatasets = 1'000;
 constexpr int kCalls = 1'000;
+constexpr int64_t kQuota = int64_t{1} << 40;  // bytes
 
 [[noreturn]] void Fail(const std::string& what, const absl::Status& status) {
   std::cerr << what << ": " << status << "\n";
@@ -93,19 +95,59 @@ void Follow(store::Store& store, const std::vector<std::string>& watched) {
         store.TakeAbandoned([](v1::Job& job) { job.set_state(v1::JOB_STATE_PENDING); }).status());
 }
 
-void Measure(const std::string& what, int calls, const std::function<void(int)>& call) {
-  std::vector<double> seconds;
-  for (int i = 0; i < calls; ++i) {
-    const auto begun = steady_clock::now();
-    call(i);
-    seconds.push_back(std::chrono::duration<double>(steady_clock::now() - begun).count());
-  }
+void Print(const std::string& what, std::vector<double> seconds) {
   std::sort(seconds.begin(), seconds.end());
   const auto at = [&](double share) {
-    return 1000 * seconds[std::min(seconds.size() - 1, static_cast<size_t>(share * calls))];
+    const double place = share * static_cast<double>(seconds.size());
+    return 1000 * seconds[std::min(seconds.size() - 1, static_cast<size_t>(place))];
   };
-  std::cout << absl::StrFormat("| %-38s | %5d | %6.2f | %6.2f | %7.2f |\n", what, calls, at(0.5),
-                               at(0.99), 1000 * seconds.back());
+  std::cout << absl::StrFormat("| %-38s | %5d | %6.2f | %6.2f | %7.2f |\n", what, seconds.size(),
+                               at(0.5), at(0.99), 1000 * seconds.back());
+}
+
+// Measures calls that take turns.
+void MeasureInTurns(const std::vector<std::pair<std::string, std::function<void(int)>>>& calls,
+                    int count = kCalls) {
+  std::vector<std::vector<double>> seconds(calls.size());
+  for (int i = 0; i < count; ++i) {
+    for (size_t each = 0; each < calls.size(); ++each) {
+      const auto begun = steady_clock::now();
+      calls[each].second(i);
+      seconds[each].push_back(std::chrono::duration<double>(steady_clock::now() - begun).count());
+    }
+  }
+  for (size_t each = 0; each < calls.size(); ++each) Print(calls[each].first, seconds[each]);
+}
+
+void Measure(const std::string& what, int calls, const std::function<void(int)>& call) {
+  MeasureInTurns({{what, call}}, calls);
+}
+
+// Measures the same calls to a store of datasets without and with a ledger.
+void MeasureDatasets(const data::DatasetStore& folder, const data::DatasetStore& ledger) {
+  const auto list = [](const data::DatasetStore& store) {
+    return [&store, after = std::string()](int) mutable {
+      const auto page = store.List(after, 50);
+      if (!page.ok()) Fail("list", page.status());
+      after = page->size() < 50 ? "" : page->back().name().substr(std::string("datasets/").size());
+    };
+  };
+  const auto get = [](const data::DatasetStore& store) {
+    return [&store](int i) { Check("get", store.Get(absl::StrFormat("d%04d", i)).status()); };
+  };
+  // A quota counts all datasets. This upload is refused then.
+  const auto count = [](const data::DatasetStore& store) {
+    return [&store](int) {
+      v1::Dataset dataset;
+      dataset.add_shards()->set_size_bytes(int64_t{1} << 62);
+      const absl::Status refused = store.BeginUpload("new", dataset).status();
+      if (!absl::IsFailedPrecondition(refused)) Fail("count", refused);
+    };
+  };
+  MeasureInTurns({{"list 50 datasets: folder", list(folder)}, {"the same: ledger", list(ledger)}});
+  MeasureInTurns({{"get a dataset: folder", get(folder)}, {"the same: ledger", get(ledger)}});
+  MeasureInTurns({{"count the quota: folder", count(folder)}, {"the same: ledger", count(ledger)}},
+                 100);
 }
 
 void Run() {
@@ -172,7 +214,8 @@ void Run() {
 
   std::string folder = (std::filesystem::temp_directory_path() / "maneuver-bench-XXXXXX").string();
   if (mkdtemp(folder.data()) == nullptr) Fail("folder", absl::ErrnoToStatus(errno, folder));
-  const auto datasets = data::DatasetStore::Open(folder);
+  const auto datasets =
+      data::DatasetStore::Open(folder, {.quota_bytes = kQuota, .is_shared = true});
   if (!datasets.ok()) Fail("datasets", datasets.status());
   for (int i = 0; i < kDatasets; ++i) {
     auto writer =
@@ -181,13 +224,13 @@ void Run() {
     Check("dataset", (*writer)->Add(data::SmallRecording("r0")));
     Check("dataset", (*writer)->Commit().status());
   }
-  std::string after;
-  Measure("list 50 datasets, page after page", kCalls, [&](int) {
-    const auto page = (*datasets)->List(after, 50);
-    if (!page.ok()) Fail("datasets", page.status());
-    for (const std::string& id : *page) Check("dataset", (*datasets)->Get(id).status());
-    after = page->size() < 50 ? "" : page->back();
-  });
+  const auto adopting = steady_clock::now();
+  const auto listed = data::DatasetStore::Open(folder, {.quota_bytes = kQuota, .is_shared = true},
+                                               store.Datasets());
+  if (!listed.ok()) Fail("datasets", listed.status());
+  const double adopted = std::chrono::duration<double>(steady_clock::now() - adopting).count();
+  MeasureDatasets(**datasets, **listed);
+  std::cout << absl::StrFormat("\nadopted 1,000 datasets in %.1f s\n", adopted);
   stop.Stop();
   for (std::thread& other : others) other.join();
   std::filesystem::remove_all(folder);

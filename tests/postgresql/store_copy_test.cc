@@ -159,7 +159,7 @@ TEST_F(StoreCopyTest, ADatabaseThatIsInUseIsNotCopiedOver) {
   }
   const absl::Status refused = CopyStore(data_dir(), address_).status();
   EXPECT_TRUE(absl::IsFailedPrecondition(refused)) << refused;
-  EXPECT_THAT(std::string(refused.message()), HasSubstr("0 jobs and 1 aliases"));
+  EXPECT_THAT(std::string(refused.message()), HasSubstr("0 jobs, 1 aliases and 0 datasets"));
   // The folder's own store is as it was.
   EXPECT_TRUE(OpenStore(data_dir(), "").ok());
 }

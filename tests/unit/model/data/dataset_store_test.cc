@@ -136,7 +136,7 @@ TEST_F(DatasetStoreTest, NothingIsADatasetBeforeTheCommit) {
   ASSERT_TRUE(upload.ok());
   ASSERT_TRUE((*upload)->Append(bytes_).ok());
   EXPECT_FALSE(store_->Contains("town"));
-  EXPECT_THAT(*store_->List("", 10), IsEmpty());
+  EXPECT_THAT(NamesOf(store_->List("", 10)), IsEmpty());
 }
 
 TEST_F(DatasetStoreTest, AnUploadWithoutBytesLeavesNothing) {
@@ -409,9 +409,9 @@ TEST_F(DatasetStoreTest, DetachingFreesTheNameAtOnce) {
 
 TEST_F(DatasetStoreTest, ListsDatasetsByNameInPages) {
   for (const char* id : {"b", "c", "a"}) ASSERT_TRUE(Upload(id, bytes_).ok());
-  EXPECT_THAT(*store_->List("", 2), ElementsAre("a", "b"));
-  EXPECT_THAT(*store_->List("b", 2), ElementsAre("c"));
-  EXPECT_THAT(*store_->List("c", 2), IsEmpty());
+  EXPECT_THAT(NamesOf(store_->List("", 2)), ElementsAre("datasets/a", "datasets/b"));
+  EXPECT_THAT(NamesOf(store_->List("b", 2)), ElementsAre("datasets/c"));
+  EXPECT_THAT(NamesOf(store_->List("c", 2)), IsEmpty());
 }
 
 TEST_F(DatasetStoreTest, KeepsADescriptionForTheSameSettings) {

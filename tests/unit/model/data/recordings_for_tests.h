@@ -4,7 +4,10 @@
 #define MANEUVER_TESTS_UNIT_MODEL_DATA_RECORDINGS_FOR_TESTS_H_
 
 #include <string>
+#include <vector>
 
+#include "absl/status/statusor.h"
+#include "maneuver/v1/dataset.pb.h"
 #include "maneuver/v1/scenario.pb.h"
 
 namespace maneuver::data {
@@ -35,6 +38,14 @@ inline v1::Scenario SmallRecording(const std::string& id, double speed = 10.0) {
     lane->add_y(0.0);
   }
   return scenario;
+}
+
+// Returns the names of what a store lists; the error's text if it lists nothing.
+inline std::vector<std::string> NamesOf(const absl::StatusOr<std::vector<v1::Dataset>>& datasets) {
+  if (!datasets.ok()) return {datasets.status().ToString()};
+  std::vector<std::string> names;
+  for (const v1::Dataset& dataset : *datasets) names.push_back(dataset.name());
+  return names;
 }
 
 }  // namespace maneuver::data

@@ -81,7 +81,7 @@ TEST_F(SharedUploadsTest, AnUploadThatBrokeOffContinuesThroughAnotherServer) {
   ASSERT_TRUE(committed.ok()) << committed.status();
   EXPECT_TRUE(VerifyDatasetFolder(a_->FolderOf("town")).ok());
   EXPECT_TRUE(a_->Get("town").ok());
-  EXPECT_THAT(*a_->List("", 10), ElementsAre("town"));
+  EXPECT_THAT(NamesOf(a_->List("", 10)), ElementsAre("datasets/town"));
 }
 
 TEST_F(SharedUploadsTest, ACallThroughAnotherServerTakesTheTurn) {
