@@ -80,6 +80,7 @@ constexpr int kDiskThreads = 4;
 const absl::Duration kBetweenSweeps = absl::Hours(1);
 constexpr std::chrono::seconds kFollowInterval{1};  // what other servers decide
 constexpr size_t kMaxWaitingForDisk = 256;
+constexpr size_t kMaxWaitingToSend = 1024;
 // Outcomes can wait: scoring takes at most one core from predictions.
 constexpr int kScoringThreads = 1;
 constexpr size_t kMaxWaitingForScores = 64;
@@ -211,11 +212,12 @@ v1::Replica DescribeReplica(const ServerOptions& options, const serving::Serving
   return replica;
 }
 
-// When memory runs out, closes the connections that sent the most in the last seconds, until the
-// others sent no more than --max-receive-memory.
-void CloseLargeSenders(int port, const ServerOptions& options, serving::MemoryBudget& memory) {
-  memory.RelieveBy([received = rpc::ReceivedBytes(port),
-                    left = options.limits.max_receive_bytes](bool is_urgent) mutable {
+// Lets the memory's watch keep the gate moving. When memory runs out, closes the connections that
+// sent the most in the last seconds, until the others sent no more than `left` bytes.
+void CloseLargeSenders(int port, int64_t left, rpc::MessageGate& gate,
+                       serving::MemoryBudget& memory) {
+  memory.RelieveBy([received = rpc::ReceivedBytes(port), &gate, left](bool is_urgent) mutable {
+    gate.Look(std::chrono::steady_clock::now());
     received.Note(std::chrono::steady_clock::now());
     return is_urgent ? received.CutOffLargest(left) : 0;
   });
@@ -250,7 +252,15 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
       {.serves = Predicts(options.role)}, *metrics);
   if (!models.ok()) return models.status();
 
+  // Single requests that are received at once have an eighth of the memory.
+  const int64_t received_at_once =
+      serving::ShareOf(options.memory_limit, 8, options.limits.max_receive_bytes);
+  rpc::MessageGate message_gate(
+      static_cast<size_t>(std::max<int64_t>(
+          1, received_at_once / options.limits.max_message_bytes)),
+      kMaxWaitingToSend);
   serving::MemoryBudget memory(options.memory_limit, *metrics);
+  rpc::MessageGate* const gate = options.memory_limit > 0 ? &message_gate : nullptr;
   const auto room = [&memory](int64_t request_bytes) { return memory.AdmitRequest(request_bytes); };
   // Outlives the calls, which hold shares of it.
   serving::SendMemory send_memory(options.sends, *metrics, &memory);
@@ -317,17 +327,17 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
         [&scheduler](auto method, auto deadline, const auto& request) {
           return rpc::CheckWait(scheduler, method, deadline, request);
         },
-        refusal, room},
-       {v1::OutcomeService::service_full_name(), &outcome_service, {}, refusal, room},
-       {v1::ModelService::service_full_name(), &model_service, {}, {}, room},
-       {v1::DatasetService::service_full_name(), &dataset_service, {}, {}, room},
-       {v1::TrainingService::service_full_name(), &training_service, {}, {}, room},
-       {v1::TagService::service_full_name(), &tag_service, {}, {}, room},
+        refusal, room, gate},
+       {v1::OutcomeService::service_full_name(), &outcome_service, {}, refusal, room, gate},
+       {v1::ModelService::service_full_name(), &model_service, {}, {}, room, gate},
+       {v1::DatasetService::service_full_name(), &dataset_service, {}, {}, room, gate},
+       {v1::TrainingService::service_full_name(), &training_service, {}, {}, room, gate},
+       {v1::TagService::service_full_name(), &tag_service, {}, {}, room, gate},
        {v1::ReplicaService::service_full_name(), &replica_service},
        {v1::AdminService::service_full_name(), &admin_service}},
       (*protection)->access(), *metrics, (*protection)->credentials(), options.limits);
   if (!server.ok()) return server.status();
-  CloseLargeSenders((*server)->address().port, options, memory);
+  CloseLargeSenders((*server)->address().port, received_at_once, message_gate, memory);
   const auto pages = ServePages(options, *metrics, **server);
   if (!pages.ok()) return pages.status();
   std::string metrics_address;
