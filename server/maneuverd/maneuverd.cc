@@ -80,7 +80,10 @@ constexpr int kDiskThreads = 4;
 const absl::Duration kBetweenSweeps = absl::Hours(1);
 constexpr std::chrono::seconds kFollowInterval{1};  // what other servers decide
 constexpr size_t kMaxWaitingForDisk = 256;
-constexpr size_t kMaxWaitingToSend = 1024;
+constexpr size_t kMaxWaitingToSend = 128;  // some 20 kB each
+// Parts of the memory's limit.
+constexpr double kFilled = 0.6;
+constexpr double kUrgent = 0.9;
 // Outcomes can wait: scoring takes at most one core from predictions.
 constexpr int kScoringThreads = 1;
 constexpr size_t kMaxWaitingForScores = 64;
@@ -212,15 +215,21 @@ v1::Replica DescribeReplica(const ServerOptions& options, const serving::Serving
   return replica;
 }
 
-// Lets the memory's watch keep the gate moving. When memory runs out, closes the connections that
-// sent the most in the last seconds, until the others sent no more than `left` bytes.
-void CloseLargeSenders(int port, int64_t left, rpc::MessageGate& gate,
-                       serving::MemoryBudget& memory) {
-  memory.RelieveBy([received = rpc::ReceivedBytes(port), &gate, left](bool is_urgent) mutable {
-    gate.Look(std::chrono::steady_clock::now());
-    received.Note(std::chrono::steady_clock::now());
-    return is_urgent ? received.CutOffLargest(left) : 0;
-  });
+// Lets large requests be received only as far as memory is free, were they as large as may be, or a
+// few that have an eighth of it. When it runs out, closes the connections that sent the most in the
+// last seconds, until the others sent no more than that eighth.
+void BoundReceiving(int port, const ServerOptions& options, rpc::MessageGate& gate,
+                    serving::MemoryBudget& memory) {
+  const int64_t least = serving::ShareOf(options.memory_limit, 8, options.limits.max_receive_bytes);
+  memory.RelieveBy(
+      [received = rpc::ReceivedBytes(port), &gate, least,
+       limit = static_cast<double>(options.memory_limit),
+       largest = static_cast<double>(options.limits.max_message_bytes)](double part) mutable {
+        const double free = std::max((kFilled - part) * limit, static_cast<double>(least));
+        gate.Look(std::chrono::steady_clock::now(), static_cast<size_t>(free / largest));
+        received.Note(std::chrono::steady_clock::now());
+        return part > kUrgent ? received.CutOffLargest(least) : 0;
+      });
 }
 
 absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
@@ -252,13 +261,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
       {.serves = Predicts(options.role)}, *metrics);
   if (!models.ok()) return models.status();
 
-  // Single requests that are received at once have an eighth of the memory.
-  const int64_t received_at_once =
-      serving::ShareOf(options.memory_limit, 8, options.limits.max_receive_bytes);
-  rpc::MessageGate message_gate(
-      static_cast<size_t>(std::max<int64_t>(
-          1, received_at_once / options.limits.max_message_bytes)),
-      kMaxWaitingToSend);
+  rpc::MessageGate message_gate(kMaxWaitingToSend);
   serving::MemoryBudget memory(options.memory_limit, *metrics);
   rpc::MessageGate* const gate = options.memory_limit > 0 ? &message_gate : nullptr;
   const auto room = [&memory](int64_t request_bytes) { return memory.AdmitRequest(request_bytes); };
@@ -337,7 +340,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
        {v1::AdminService::service_full_name(), &admin_service}},
       (*protection)->access(), *metrics, (*protection)->credentials(), options.limits);
   if (!server.ok()) return server.status();
-  CloseLargeSenders((*server)->address().port, received_at_once, message_gate, memory);
+  BoundReceiving((*server)->address().port, options, message_gate, memory);
   const auto pages = ServePages(options, *metrics, **server);
   if (!pages.ok()) return pages.status();
   std::string metrics_address;

@@ -198,7 +198,7 @@ void FitBuffers(ServerOptions& options) {
     buffer = static_cast<std::remove_reference_t<decltype(buffer)>>(
         serving::ShareOf(limit, parts, static_cast<int64_t>(buffer)));
   };
-  fit(2, options.limits.max_receive_bytes);
+  fit(4, options.limits.max_receive_bytes);
   fit(32, options.limits.max_message_bytes);
   fit(16, options.sends.max_send_memory);
   fit(16, options.sends.max_response_bytes);

@@ -45,9 +45,14 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
     }
     if (metrics_.of_contract()) CountBytes(*batch);
     if (batch->QueryInterceptionHookPoint(InterceptionHookPoints::PRE_SEND_STATUS)) {
-      if (DidNotParse(batch->GetSendStatus())) batch->ModifySendStatus(ToGrpcStatus(Malformed()));
+      grpc::StatusCode counted = batch->GetSendStatus().error_code();
+      if (DidNotParse(batch->GetSendStatus())) {
+        batch->ModifySendStatus(ToGrpcStatus(Malformed()));
+        // Without a request the caller has gone, or gRPC itself has refused the request.
+        counted = lacks_request_ ? grpc::StatusCode::CANCELLED : grpc::StatusCode::INVALID_ARGUMENT;
+      }
       batch->GetSendTrailingMetadata()->emplace("x-request-id", origin_.request_id);
-      End(batch->GetSendStatus().error_code());
+      End(counted);
     }
     batch->Proceed();
   }
@@ -74,6 +79,7 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
       const size_t bytes = SizeOf(batch.GetRecvMessage());
       // How long a caller takes to send its first message is not the server's time.
       if (received_ == 0) start_ = Clock::now();
+      lacks_request_ = batch.GetRecvMessage() == nullptr && received_ == 0;
       received_ += static_cast<int64_t>(bytes);
       metrics_.Received(bytes);
     }
@@ -119,6 +125,7 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
   CallOrigin origin_;  // set before anything else of the call happens
   std::atomic<int64_t> received_ = 0;
   std::atomic<int64_t> sent_ = 0;
+  std::atomic<bool> lacks_request_ = false;
   std::atomic<bool> ended_ = false;
 };
 

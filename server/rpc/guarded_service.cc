@@ -60,8 +60,8 @@ std::unique_ptr<MethodHandler> RefusingHandler(RpcMethod::RpcType type,
 
 absl::Status CancelledWhileReceived() {
   return errors::WithReason(
-      absl::ResourceExhaustedError("the request arrived too slowly while others waited for the "
-                                   "memory that it needs; try again a little later"),
+      absl::ResourceExhaustedError("the server's memory was nearly full while the request arrived; "
+                                   "try again a little later"),
       "MEMORY_FULL");
 }
 
@@ -147,7 +147,7 @@ class GuardedHandler final : public MethodHandler {
     // No request: the caller sent none, or has gone. The parser then says so.
     void OnReceived(grpc_byte_buffer* request) {
       MessageGate* const gate = handler_.gate_;
-      if (gate == nullptr || gate->Leave(*this, std::chrono::steady_clock::now())) {
+      if (gate == nullptr || gate->Leave(*this)) {
         handler_.OnReceived(call_, request);
         return;
       }

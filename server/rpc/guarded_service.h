@@ -45,8 +45,8 @@ struct NamedService {
   // something: with 0 before its request is received, then with the bytes of a single request.
   // Empty: no call is refused.
   std::function<absl::StatusOr<std::shared_ptr<const void>>(int64_t request_bytes)> room = {};
-  // Bounds how many single requests are received at once, but for calls that stop or remove
-  // something. It must outlive the server. Null: any number.
+  // Bounds how many large requests are received at once, but for calls that stop or remove something.
+  // It must outlive the server. Null: any number.
   MessageGate* gate = nullptr;
 };
 

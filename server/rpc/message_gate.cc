@@ -1,6 +1,7 @@
 #include "server/rpc/message_gate.h"
 
 #include <algorithm>
+#include <iterator>
 #include <utility>
 #include <vector>
 
@@ -11,24 +12,29 @@ namespace {
 
 absl::Status TooManyMessages() {
   return errors::WithRetryDelay(
-      errors::WithReason(
-          absl::ResourceExhaustedError(
-              "the server receives as many requests as its memory allows; try again a little later"),
-          "MEMORY_FULL"),
+      errors::WithReason(absl::ResourceExhaustedError("the server receives as many requests as its "
+                                                      "memory allows; try again a little later"),
+                         "MEMORY_FULL"),
       MessageGate::kTurn);
 }
 
 }  // namespace
 
+void MessageGate::Receives(std::shared_ptr<UnreceivedCall> call, Time now) {
+  receiving_.push_back({std::move(call), now});
+  const auto place = std::prev(receiving_.end());
+  places_.emplace(place->call.get(), place);
+}
+
 void MessageGate::Enter(std::shared_ptr<UnreceivedCall> call, Time now) {
   bool receives = false;
   {
     const MutexLock lock(mutex_);
-    receives = receiving_.size() < most_;
+    receives = !is_closed_;
     if (receives) {
-      receiving_.push_back({call, now});
+      Receives(call, now);
     } else if (waiting_.size() < most_waiting_) {
-      waiting_.push_back({std::move(call), now});
+      waiting_.push_back(std::move(call));
       return;
     }
   }
@@ -39,44 +45,42 @@ void MessageGate::Enter(std::shared_ptr<UnreceivedCall> call, Time now) {
   }
 }
 
-bool MessageGate::Leave(const UnreceivedCall& call, Time now) {
-  std::shared_ptr<UnreceivedCall> next;
-  Place left;
-  {
-    const MutexLock lock(mutex_);
-    const auto place = std::ranges::find_if(
-        receiving_, [&call](const Place& other) { return other.call.get() == &call; });
-    left = std::move(*place);
-    receiving_.erase(place);
-    if (!waiting_.empty()) {
-      next = std::move(waiting_.front().call);
-      waiting_.pop_front();
-      receiving_.push_back({next, now});
-    }
-  }
-  if (next != nullptr) next->Receive();
+bool MessageGate::Leave(const UnreceivedCall& call) {
+  Place left;  // destroyed after the lock is released
+  const MutexLock lock(mutex_);
+  const auto place = places_.find(&call);
+  left = std::move(*place->second);
+  receiving_.erase(place->second);
+  places_.erase(place);
   return !left.is_cancelled;
 }
 
-void MessageGate::Look(Time now) {
+void MessageGate::Look(Time now, size_t allowed) {
+  std::vector<std::shared_ptr<UnreceivedCall>> begun;
   std::vector<std::shared_ptr<UnreceivedCall>> cancelled;
-  std::vector<std::shared_ptr<UnreceivedCall>> refused;
   {
     const MutexLock lock(mutex_);
-    while (!waiting_.empty() && now - waiting_.front().since > kLongestWait) {
-      refused.push_back(std::move(waiting_.front().call));
-      waiting_.pop_front();
-    }
-    // A cancelled call keeps its place until gRPC has let go of what it received.
-    size_t places = 0;
-    for (Place& place : receiving_) {
-      if (places == waiting_.size() || now - place.since <= kTurn) break;
-      ++places;
+    const auto is_slow = [now](const Place& place) { return now - place.since > kYoung; };
+    const auto young = std::ranges::find_if_not(receiving_, is_slow);
+    const auto slow = static_cast<size_t>(std::distance(receiving_.begin(), young));
+    // A cancelled call counts until gRPC has let go of what it received.
+    is_closed_ = slow > allowed;
+    size_t left = is_closed_ ? slow - allowed : 0;
+    const auto cancel = [&](Place& place) {
+      --left;
       if (!std::exchange(place.is_cancelled, true)) cancelled.push_back(place.call);
+    };
+    auto oldest = receiving_.begin();
+    while (left > 0 && now - oldest->since > kTurn) cancel(*oldest++);
+    // The others have come far, and the first are the closest to their end.
+    for (auto youngest = young; left > 0 && youngest != oldest;) cancel(*--youngest);
+    if (!is_closed_) {
+      begun.swap(waiting_);
+      for (const auto& call : begun) Receives(call, now);
     }
   }
+  for (const auto& call : begun) call->Receive();
   for (const auto& call : cancelled) call->Cancel();
-  for (const auto& call : refused) call->Refuse(TooManyMessages());
 }
 
 }  // namespace maneuver::rpc

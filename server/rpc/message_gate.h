@@ -1,15 +1,16 @@
-// Bounds how many requests are being received at once. gRPC receives a message of any size up to its
-// limit as soon as it is asked to, and does not tell how much of it has arrived. So the memory of
-// incomplete messages is bounded by asking for few of them at a time.
+// Bounds how many large requests are being received at once. gRPC receives a message of any size up
+// to its limit as soon as it is asked to, and does not tell how much of it has arrived. But a small one
+// arrives at once, so the others are known by the time that they take.
 
 #ifndef MANEUVER_SERVER_RPC_MESSAGE_GATE_H_
 #define MANEUVER_SERVER_RPC_MESSAGE_GATE_H_
 
 #include <chrono>
 #include <cstddef>
-#include <deque>
 #include <list>
 #include <memory>
+#include <unordered_map>
+#include <vector>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
@@ -29,28 +30,27 @@ class UnreceivedCall {
   virtual void Refuse(const absl::Status& status) = 0;
 };
 
-// Calls take turns in the order in which they came. Safe to use from any thread.
+// Safe to use from any thread.
 class MessageGate {
  public:
   using Time = std::chrono::steady_clock::time_point;
 
-  // A request that takes longer is cancelled if another call waits for its place.
+  // A request that takes longer is slow: it is large, or its caller does not send it.
+  static constexpr std::chrono::milliseconds kYoung{20};
+  // Of too many slow requests, those that take longer than this are cancelled first.
   static constexpr std::chrono::milliseconds kTurn{250};
-  // A call that waits longer is refused.
-  static constexpr std::chrono::seconds kLongestWait{5};
 
-  //   most: requests that are received at once
-  //   most_waiting: further calls that wait for a place; more are refused
-  MessageGate(size_t most, size_t most_waiting) : most_(most), most_waiting_(most_waiting) {}
+  //   most_waiting: calls that wait while there are too many slow requests; more are refused
+  explicit MessageGate(size_t most_waiting) : most_waiting_(most_waiting) {}
 
-  // Lets `call` receive its request, now or as soon as there is a place. Refuses it with
-  // RESOURCE_EXHAUSTED (MEMORY_FULL) if too many wait, or once it has waited too long.
+  // Lets `call` receive its request: at once, or after a look that finds no more slow requests than
+  // allowed. Refuses it with RESOURCE_EXHAUSTED (MEMORY_FULL) if too many wait.
   void Enter(std::shared_ptr<UnreceivedCall> call, Time now);
-  // Frees the place of a call that has received its request, or will not. Returns false if the call
-  // was cancelled. Call it once for each Receive().
-  bool Leave(const UnreceivedCall& call, Time now);
-  // Cancels and refuses what takes too long. Call it often.
-  void Look(Time now);
+  // Call it once for each Receive(), when the request is there or will not come. Returns false if the
+  // call was cancelled.
+  bool Leave(const UnreceivedCall& call);
+  // Cancels slow requests until `allowed` are left. Call it often.
+  void Look(Time now, size_t allowed);
 
  private:
   struct Place {
@@ -59,11 +59,16 @@ class MessageGate {
     bool is_cancelled = false;
   };
 
-  const size_t most_;
+  void Receives(std::shared_ptr<UnreceivedCall> call, Time now)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+
   const size_t most_waiting_;
   Mutex mutex_;
+  bool is_closed_ ABSL_GUARDED_BY(mutex_) = false;
   std::list<Place> receiving_ ABSL_GUARDED_BY(mutex_);  // the first since the longest
-  std::deque<Place> waiting_ ABSL_GUARDED_BY(mutex_);
+  std::unordered_map<const UnreceivedCall*, std::list<Place>::iterator> places_
+      ABSL_GUARDED_BY(mutex_);
+  std::vector<std::shared_ptr<UnreceivedCall>> waiting_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace maneuver::rpc

@@ -534,13 +534,13 @@ TEST_F(ServerTest, RefusesAStrangerWhoHasNotSentTheRequest) {
   EXPECT_EQ(status.error_code(), grpc::StatusCode::UNAUTHENTICATED) << status.error_message();
 }
 
-// Two callers send half of their requests; the gate has one place.
-TEST_F(ServerTest, ACallThatSendsItsRequestTooSlowlyMakesRoomForOneThatWaits) {
+// One caller sends nothing of its request, and the gate allows none of them.
+TEST_F(ServerTest, ACallThatSendsItsRequestTooSlowlyIsRefusedAndAnotherIsAnswered) {
   Publish();
-  MessageGate gate(1, 1);
+  MessageGate gate(1);
   std::jthread looking([&gate](const std::stop_token& stop) {
     while (!stop.stop_requested()) {
-      gate.Look(std::chrono::steady_clock::now());
+      gate.Look(std::chrono::steady_clock::now(), /*allowed=*/0);
       std::this_thread::sleep_for(std::chrono::milliseconds(5));
     }
   });
@@ -564,16 +564,19 @@ TEST_F(ServerTest, ACallThatSendsItsRequestTooSlowlyMakesRoomForOneThatWaits) {
       &slow, "/maneuver.v1.PredictionService/Predict", &queue);
   call->StartCall(nullptr);  // and sends nothing
   finished();
+  grpc::Status status;
+  call->Finish(&status, nullptr);
+  finished();
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED) << status.error_message();
+  looking.request_stop();
+  looking.join();
+  gate.Look(std::chrono::steady_clock::now(), /*allowed=*/1);
   const auto stub = v1::PredictionService::NewStub(channel);
   grpc::ClientContext context;
   context.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(60));
   v1::PredictResponse response;
   const grpc::Status answered = stub->Predict(&context, OneScene(), &response);
   EXPECT_TRUE(answered.ok()) << answered.error_message();
-  grpc::Status status;
-  call->Finish(&status, nullptr);
-  finished();
-  EXPECT_EQ(status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED) << status.error_message();
 }
 
 // A server without room for calls, which only callers with a token reach.
