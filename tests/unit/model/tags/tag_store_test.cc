@@ -56,8 +56,9 @@ TEST_F(TagStoreTest, ReportsADamagedShard) {
   std::ofstream(store_.FolderOf("june") / "schema.json") << std::string(2'000'000, '[');
   const absl::Status damaged = store_.Get("june").status();
   EXPECT_TRUE(absl::IsDataLoss(damaged));
-  EXPECT_THAT(damaged.message(), testing::StartsWith("tags/june: schema.json is damaged"));
-  EXPECT_THAT(damaged.message(), testing::Not(testing::HasSubstr("\n")));
+  const std::string message(damaged.message());
+  EXPECT_THAT(message, testing::StartsWith("tags/june: schema.json is damaged"));
+  EXPECT_THAT(message, testing::Not(testing::HasSubstr("\n")));
   EXPECT_TRUE(store_.Detach("june").ok()) << "it can be deleted";
 }
 
