@@ -10,9 +10,29 @@
 namespace maneuver::cli {
 namespace {
 
+// The characters of Unicode at the start of `text` that end lines, or turn the direction of what
+// follows, so that it shows as something else: U+200E, U+200F, U+2028 to U+202E, U+2066 to U+2069.
+// Returns their number, or 0.
+unsigned MisleadingCharacter(std::string_view text) {
+  if (text.size() < 3 || text[0] != '\xe2') return 0;
+  const auto second = static_cast<unsigned char>(text[1]);
+  const auto third = static_cast<unsigned char>(text[2]);
+  if ((second != 0x80 && second != 0x81) || third < 0x80 || third > 0xbf) return 0;
+  const unsigned character = 0x2000U + (second - 0x80U) * 0x40U + (third - 0x80U);
+  const bool is_misleading = character == 0x200e || character == 0x200f ||
+                             (character >= 0x2028 && character <= 0x202e) ||
+                             (character >= 0x2066 && character <= 0x2069);
+  return is_misleading ? character : 0;
+}
+
 std::string Escaped(std::string_view text, bool keep_lines) {
   std::string escaped;
   for (size_t i = 0; i < text.size(); ++i) {
+    if (const unsigned character = MisleadingCharacter(text.substr(i)); character != 0) {
+      escaped += absl::StrFormat("\\u%04x", character);
+      i += 2;
+      continue;
+    }
     const auto byte = static_cast<unsigned char>(text[i]);
     const auto next = i + 1 < text.size() ? static_cast<unsigned char>(text[i + 1]) : 0U;
     if ((byte < 0x20 && !(keep_lines && byte == '\n')) || byte == 0x7f) {

@@ -138,8 +138,11 @@ absl::StatusOr<Schema> ReadSchema(const fs::path& folder) {
   Schema schema;
   const auto parsed = google::protobuf::util::JsonStringToMessage(*json, &schema.content);
   if (!parsed.ok()) {
-    return absl::DataLossError(
-        absl::StrCat(kSchemaFile, " is damaged: ", std::string(parsed.message())));
+    // Protobuf's further lines show the place in the text.
+    const std::string reason(parsed.message());
+    return absl::DataLossError(absl::StrCat(
+        kSchemaFile,
+        " is damaged, it is not the JSON of a schema: ", reason.substr(0, reason.find('\n'))));
   }
   if (absl::Status status = CheckSchema(schema.content); !status.ok()) return status;
   schema.sha256 = files::Sha256Hex(*json);

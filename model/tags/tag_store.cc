@@ -8,6 +8,7 @@
 #include <system_error>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_replace.h"
 #include "model/files/abandoned_temporaries.h"
 #include "model/files/durable_file.h"
 #include "model/files/errno_status.h"
@@ -93,7 +94,9 @@ absl::Status TagStore::Begin(const std::string& id, const v1::Tags& tags) const 
   const auto temporary = files::MakeTemporaryFolderFor(FolderOf(id));
   if (!temporary.ok()) return temporary.status();
   std::string json;
-  (void)google::protobuf::util::MessageToJsonString(tags, &json);
+  if (!google::protobuf::util::MessageToJsonString(tags, &json).ok()) {
+    return absl::InternalError(absl::StrCat("tags/", id, " cannot be described as JSON"));
+  }
   absl::Status status = files::WriteFileAtomically(*temporary / kBegunFile, json + "\n");
   if (status.ok()) status = files::PublishFolder(*temporary, FolderOf(id));
   if (status.ok()) return status;
@@ -108,7 +111,11 @@ absl::StatusOr<v1::Tags> TagStore::Get(const std::string& id) const {
   tags->set_size_bytes(BytesIn(FolderOf(id)));
   const absl::StatusOr<TagSet> set = TagSet::Open({FolderOf(id)});
   if (absl::IsNotFound(set.status())) return tags;  // no job has begun
-  if (!set.ok()) return absl::DataLossError(set.status().message());
+  if (!set.ok()) {
+    // Where the server keeps its data is not for callers.
+    return absl::DataLossError(absl::StrReplaceAll(
+        set.status().message(), {{FolderOf(id).string(), absl::StrCat("tags/", id)}}));
+  }
   tags->set_shards(static_cast<int32_t>(set->shards.size()));
   tags->set_all_shards(static_cast<int32_t>(set->missing) + tags->shards());
   for (const TaggedShard& shard : set->shards) {

@@ -337,9 +337,13 @@ absl::Status CheckTagRequest(const v1::TagRequest& request) {
     violations.push_back({"part", absl::StrCat("must be 0 to ", PartsOf(request) - 1)});
   }
   const double stride = StrideOf(request);
-  if (request.has_stride() && !(stride >= kLeastStride && stride <= kMostStride)) {
-    violations.push_back(
-        {"stride", absl::StrCat("must be ", kLeastStride, " to ", kMostStride, " seconds")});
+  // JSON, in which tags keep it, has no other.
+  const bool is_well_formed =
+      request.stride().nanos() >= 0 && request.stride().nanos() < 1'000'000'000;
+  if (request.has_stride() &&
+      !(is_well_formed && stride >= kLeastStride && stride <= kMostStride)) {
+    violations.push_back({"stride", absl::StrCat("must be ", kLeastStride, " to ", kMostStride,
+                                                 " seconds, with 0 to 999,999,999 nanos")});
   }
   CheckRequestId(request.request_id(), violations);
   CheckPriority(request.priority(), violations);

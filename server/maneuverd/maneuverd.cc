@@ -80,6 +80,10 @@ constexpr int kDiskThreads = 4;
 const absl::Duration kBetweenSweeps = absl::Hours(1);
 constexpr std::chrono::seconds kFollowInterval{1};  // what other servers decide
 constexpr size_t kMaxWaitingForDisk = 256;
+constexpr size_t kMaxWaitingToSend = 128;  // some 20 kB each
+// Parts of the memory's limit.
+constexpr double kFilled = 0.6;
+constexpr double kUrgent = 0.9;
 // Outcomes can wait: scoring takes at most one core from predictions.
 constexpr int kScoringThreads = 1;
 constexpr size_t kMaxWaitingForScores = 64;
@@ -211,14 +215,21 @@ v1::Replica DescribeReplica(const ServerOptions& options, const serving::Serving
   return replica;
 }
 
-// When memory runs out, closes the connections that sent the most in the last seconds, until the
-// others sent no more than --max-receive-memory.
-void CloseLargeSenders(int port, const ServerOptions& options, serving::MemoryBudget& memory) {
-  memory.RelieveBy([received = rpc::ReceivedBytes(port),
-                    left = options.limits.max_receive_bytes](bool is_urgent) mutable {
-    received.Note(std::chrono::steady_clock::now());
-    return is_urgent ? received.CutOffLargest(left) : 0;
-  });
+// Lets large requests be received only as far as memory is free, were they as large as may be, or a
+// few that have an eighth of it. When it runs out, closes the connections that sent the most in the
+// last seconds, until the others sent no more than that eighth.
+void BoundReceiving(int port, const ServerOptions& options, rpc::MessageGate& gate,
+                    serving::MemoryBudget& memory) {
+  const int64_t least = serving::ShareOf(options.memory_limit, 8, options.limits.max_receive_bytes);
+  memory.RelieveBy(
+      [received = rpc::ReceivedBytes(port), &gate, least,
+       limit = static_cast<double>(options.memory_limit),
+       largest = static_cast<double>(options.limits.max_message_bytes)](double part) mutable {
+        const double free = std::max((kFilled - part) * limit, static_cast<double>(least));
+        gate.Look(std::chrono::steady_clock::now(), static_cast<size_t>(free / largest));
+        received.Note(std::chrono::steady_clock::now());
+        return part > kUrgent ? received.CutOffLargest(least) : 0;
+      });
 }
 
 absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
@@ -251,7 +262,9 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
       {.serves = Predicts(options.role)}, *metrics);
   if (!models.ok()) return models.status();
 
+  rpc::MessageGate message_gate(kMaxWaitingToSend);
   serving::MemoryBudget memory(options.memory_limit, *metrics);
+  rpc::MessageGate* const gate = options.memory_limit > 0 ? &message_gate : nullptr;
   const auto room = [&memory](int64_t request_bytes) { return memory.AdmitRequest(request_bytes); };
   // Outlives the calls, which hold shares of it.
   serving::SendMemory send_memory(options.sends, *metrics, &memory);
@@ -319,17 +332,17 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
         [&scheduler](auto method, auto deadline, const auto& request) {
           return rpc::CheckWait(scheduler, method, deadline, request);
         },
-        refusal, room},
-       {v1::OutcomeService::service_full_name(), &outcome_service, {}, refusal, room},
-       {v1::ModelService::service_full_name(), &model_service, {}, {}, room},
-       {v1::DatasetService::service_full_name(), &dataset_service, {}, {}, room},
-       {v1::TrainingService::service_full_name(), &training_service, {}, {}, room},
-       {v1::TagService::service_full_name(), &tag_service, {}, {}, room},
+        refusal, room, gate},
+       {v1::OutcomeService::service_full_name(), &outcome_service, {}, refusal, room, gate},
+       {v1::ModelService::service_full_name(), &model_service, {}, {}, room, gate},
+       {v1::DatasetService::service_full_name(), &dataset_service, {}, {}, room, gate},
+       {v1::TrainingService::service_full_name(), &training_service, {}, {}, room, gate},
+       {v1::TagService::service_full_name(), &tag_service, {}, {}, room, gate},
        {v1::ReplicaService::service_full_name(), &replica_service},
        {v1::AdminService::service_full_name(), &admin_service}},
       (*protection)->access(), *metrics, (*protection)->credentials(), options.limits);
   if (!server.ok()) return server.status();
-  CloseLargeSenders((*server)->address().port, options, memory);
+  BoundReceiving((*server)->address().port, options, message_gate, memory);
   const auto pages = ServePages(options, *metrics, **server);
   if (!pages.ok()) return pages.status();
   std::string metrics_address;

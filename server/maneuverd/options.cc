@@ -189,14 +189,16 @@ absl::StatusOr<std::vector<std::filesystem::path>> ParseFolders(const std::strin
 }
 
 // Lowers the limits of the buffers to their parts of the memory limit. Together, with what an answer
-// takes while it is written (three times its size), they may fill half of it.
+// takes while it is written (three times its size), they may fill half of it. The exception is
+// gRPC's own limit of what it receives: rpc::MessageGate keeps single requests far below it, and
+// above it gRPC breaks off calls of innocent clients.
 void FitBuffers(ServerOptions& options) {
   const int64_t limit = options.memory_limit;
   const auto fit = [limit](int parts, auto& buffer) {
     buffer = static_cast<std::remove_reference_t<decltype(buffer)>>(
         serving::ShareOf(limit, parts, static_cast<int64_t>(buffer)));
   };
-  fit(8, options.limits.max_receive_bytes);
+  fit(4, options.limits.max_receive_bytes);
   fit(32, options.limits.max_message_bytes);
   fit(16, options.sends.max_send_memory);
   fit(16, options.sends.max_response_bytes);

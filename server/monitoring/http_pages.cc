@@ -17,10 +17,10 @@
 namespace maneuver::monitoring {
 namespace {
 
-// Whoever connects and says nothing holds a thread until its time is up, a second. The others answer
+// Whoever connects and says nothing holds a thread until its time is up. The others answer
 // meanwhile. A thread that waits costs some 30 kB.
-constexpr char kThreads[] = "64";
-constexpr char kRequestTimeout[] = "1000";  // milliseconds
+constexpr char kThreads[] = "256";
+constexpr char kRequestTimeout[] = "500";  // milliseconds
 constexpr std::chrono::milliseconds kBetweenKnocks{5};
 
 // HOST of HOST:PORT, without brackets.

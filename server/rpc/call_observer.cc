@@ -15,6 +15,7 @@
 namespace maneuver::rpc {
 namespace {
 
+using Clock = std::chrono::steady_clock;
 using grpc::experimental::InterceptionHookPoints;
 using grpc::experimental::InterceptorBatchMethods;
 using grpc::experimental::ServerRpcInfo;
@@ -32,7 +33,7 @@ absl::Status Malformed() {
 class CallInterceptor final : public grpc::experimental::Interceptor {
  public:
   CallInterceptor(MethodMetrics& metrics, CallLog& log, ServerRpcInfo::Type type)
-      : metrics_(metrics), log_(log), type_(type), start_(std::chrono::steady_clock::now()) {
+      : metrics_(metrics), log_(log), type_(type), start_(Clock::now()) {
     metrics_.Begin();
   }
   // A call that broke off before it was given a status was cancelled.
@@ -44,9 +45,14 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
     }
     if (metrics_.of_contract()) CountBytes(*batch);
     if (batch->QueryInterceptionHookPoint(InterceptionHookPoints::PRE_SEND_STATUS)) {
-      if (DidNotParse(batch->GetSendStatus())) batch->ModifySendStatus(ToGrpcStatus(Malformed()));
+      grpc::StatusCode counted = batch->GetSendStatus().error_code();
+      if (DidNotParse(batch->GetSendStatus())) {
+        batch->ModifySendStatus(ToGrpcStatus(Malformed()));
+        // Without a request the caller has gone, or gRPC itself has refused the request.
+        counted = lacks_request_ ? grpc::StatusCode::CANCELLED : grpc::StatusCode::INVALID_ARGUMENT;
+      }
       batch->GetSendTrailingMetadata()->emplace("x-request-id", origin_.request_id);
-      End(batch->GetSendStatus().error_code());
+      End(counted);
     }
     batch->Proceed();
   }
@@ -71,6 +77,9 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
   void CountBytes(InterceptorBatchMethods& batch) {
     if (batch.QueryInterceptionHookPoint(InterceptionHookPoints::POST_RECV_MESSAGE)) {
       const size_t bytes = SizeOf(batch.GetRecvMessage());
+      // How long a caller takes to send its first message is not the server's time.
+      if (received_ == 0) start_ = Clock::now();
+      lacks_request_ = batch.GetRecvMessage() == nullptr && received_ == 0;
       received_ += static_cast<int64_t>(bytes);
       metrics_.Received(bytes);
     }
@@ -83,13 +92,10 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
   }
 
   // Of a message as a guarded service receives it: the bytes themselves in a call of one request
-  // (see GuardedHandler::Deserialize) and in a stream both ways (see PredictStream), parsed in an
-  // upload.
+  // (see MessageReading), which is a stream both ways to gRPC, and in other such streams (see
+  // PredictStream), parsed in an upload.
   size_t SizeOf(void* message) const {
     if (message == nullptr) return 0;  // the end of the stream
-    if (type_ == ServerRpcInfo::Type::UNARY || type_ == ServerRpcInfo::Type::SERVER_STREAMING) {
-      return grpc_byte_buffer_length(static_cast<grpc_byte_buffer*>(message));
-    }
     if (type_ == ServerRpcInfo::Type::BIDI_STREAMING) {
       return static_cast<grpc::ByteBuffer*>(message)->Length();
     }
@@ -102,7 +108,7 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
     if (code == grpc::StatusCode::UNKNOWN && metrics_.name() == kWatchHealth) {
       code = grpc::StatusCode::CANCELLED;
     }
-    const auto time = std::chrono::steady_clock::now() - start_;
+    const auto time = Clock::now() - start_.load();
     metrics_.End(code, time);
     log_.Write({.method = metrics_.name(),
                 .code = code,
@@ -115,10 +121,11 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
   MethodMetrics& metrics_;
   CallLog& log_;
   const ServerRpcInfo::Type type_;
-  const std::chrono::steady_clock::time_point start_;
+  std::atomic<Clock::time_point> start_;
   CallOrigin origin_;  // set before anything else of the call happens
   std::atomic<int64_t> received_ = 0;
   std::atomic<int64_t> sent_ = 0;
+  std::atomic<bool> lacks_request_ = false;
   std::atomic<bool> ended_ = false;
 };
 

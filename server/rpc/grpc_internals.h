@@ -4,14 +4,28 @@
 #ifndef MANEUVER_SERVER_RPC_GRPC_INTERNALS_H_
 #define MANEUVER_SERVER_RPC_GRPC_INTERNALS_H_
 
+#include <grpc/byte_buffer.h>
+#include <grpc/grpc.h>
+#include <grpcpp/impl/call.h>
+#include <grpcpp/impl/call_op_set.h>
 #include <grpcpp/impl/codegen/server_callback_handlers.h>
 #include <grpcpp/impl/rpc_service_method.h>
+#include <grpcpp/support/byte_buffer.h>
+#include <grpcpp/support/callback_common.h>
 #include <grpcpp/version_info.h>
+
+#include <cstring>
+#include <functional>
+#include <string>
+#include <utility>
+
+#include "absl/status/status.h"
 
 namespace maneuver::rpc {
 
-// After an update, check that gRPC still calls MethodHandler::Deserialize before RunHandler, in the
-// callback API only for methods that take a single request, and hands it the call's byte buffer.
+// After an update, check that gRPC runs the handler of a BIDI_STREAMING method before it receives a
+// message, and that handlers of methods with a single request still take what their Deserialize made
+// of the call's byte buffer.
 static_assert(GRPC_CPP_VERSION_MAJOR == 1 && GRPC_CPP_VERSION_MINOR == 51,
               "compare server/rpc/grpc_internals.h with this version of gRPC");
 
@@ -35,6 +49,59 @@ template <typename Reactor>
 class InlineReactor : public Reactor {
  private:
   bool InternalInlineable() final { return true; }
+};
+
+// Receives one message of a call that was handed over without any.
+class MessageReading {
+ public:
+  //   cancelled: with what Cancel() ends the call
+  MessageReading(grpc_call* call, const absl::Status& cancelled)
+      : call_(call), cancelled_(cancelled.message()) {
+    grpc_call_ref(call_);
+  }
+  ~MessageReading() { grpc_call_unref(call_); }
+  MessageReading(const MessageReading&) = delete;
+  MessageReading& operator=(const MessageReading&) = delete;
+
+  // Calls `on_received` once, from any thread and after this returns or meanwhile, with the message,
+  // which it takes over, or with nullptr if there is none. What `on_received` holds is let go of
+  // afterwards. Call it once.
+  void Start(grpc::internal::Call& call, std::function<void(grpc_byte_buffer*)> on_received) {
+    on_received_ = std::move(on_received);
+    tag_.Set(
+        call_,
+        [this](bool) {
+          const auto done = std::move(on_received_);  // which may hold this object
+          done(Take());
+        },
+        &operation_, /*can_inline=*/true);
+    operation_.RecvMessage(&message_);
+    operation_.set_core_cq_tag(&tag_);
+    call.PerformOps(&operation_);
+  }
+
+  // Ends the call with RESOURCE_EXHAUSTED.
+  void Cancel() {
+    grpc_call_cancel_with_status(call_, GRPC_STATUS_RESOURCE_EXHAUSTED, cancelled_.c_str(),
+                                 nullptr);
+  }
+
+ private:
+  grpc_byte_buffer* Take() {
+    static_assert(sizeof(grpc::ByteBuffer) == sizeof(grpc_byte_buffer*),
+                  "a ByteBuffer is no pointer to a grpc_byte_buffer any more");
+    grpc_byte_buffer* bytes = nullptr;
+    std::memcpy(&bytes, static_cast<const void*>(&message_), sizeof bytes);
+    message_.Release();
+    return bytes;
+  }
+
+  grpc_call* const call_;
+  const std::string cancelled_;
+  std::function<void(grpc_byte_buffer*)> on_received_;
+  grpc::ByteBuffer message_;
+  grpc::internal::CallOpSet<grpc::internal::CallOpRecvMessage<grpc::ByteBuffer>> operation_;
+  grpc::internal::CallbackWithSuccessTag tag_;
 };
 
 }  // namespace maneuver::rpc

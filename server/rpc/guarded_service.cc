@@ -14,6 +14,7 @@
 #include "absl/strings/str_cat.h"
 #include "server/errors/error_details.h"
 #include "server/rpc/grpc_internals.h"
+#include "server/rpc/message_gate.h"
 #include "server/rpc/request_outline.h"
 #include "server/rpc/status_details.h"
 
@@ -38,32 +39,30 @@ RpcMethod::RpcType TypeOf(const MethodDescriptor& method) {
   return method.server_streaming() ? RpcMethod::SERVER_STREAMING : RpcMethod::NORMAL_RPC;
 }
 
-// A handler of gRPC's own that answers any call of this type with `status`.
+bool TakesOneRequest(RpcMethod::RpcType type) {
+  return type == RpcMethod::NORMAL_RPC || type == RpcMethod::SERVER_STREAMING;
+}
+
+// A handler of gRPC's own that answers any call of this type with `status`, without its request.
 std::unique_ptr<MethodHandler> RefusingHandler(RpcMethod::RpcType type,
                                                const grpc::Status& status) {
   using Context = grpc::CallbackServerContext;
-  switch (type) {
-    case RpcMethod::NORMAL_RPC:
-      return std::make_unique<UnaryHandler<ByteBuffer, ByteBuffer>>(
-          [status](Context*, const ByteBuffer*, ByteBuffer*) {
-            return new Refusal<grpc::ServerUnaryReactor>(status);
-          });
-    case RpcMethod::CLIENT_STREAMING:
-      return std::make_unique<ClientStreamingHandler<ByteBuffer, ByteBuffer>>(
-          [status](Context*, ByteBuffer*) {
-            return new Refusal<grpc::ServerReadReactor<ByteBuffer>>(status);
-          });
-    case RpcMethod::SERVER_STREAMING:
-      return std::make_unique<ServerStreamingHandler<ByteBuffer, ByteBuffer>>(
-          [status](Context*, const ByteBuffer*) {
-            return new Refusal<grpc::ServerWriteReactor<ByteBuffer>>(status);
-          });
-    case RpcMethod::BIDI_STREAMING:
-      break;
+  if (type == RpcMethod::CLIENT_STREAMING) {
+    return std::make_unique<ClientStreamingHandler<ByteBuffer, ByteBuffer>>(
+        [status](Context*, ByteBuffer*) {
+          return new Refusal<grpc::ServerReadReactor<ByteBuffer>>(status);
+        });
   }
   return std::make_unique<BidiHandler<ByteBuffer, ByteBuffer>>([status](Context*) {
     return new Refusal<grpc::ServerBidiReactor<ByteBuffer, ByteBuffer>>(status);
   });
+}
+
+absl::Status CancelledWhileReceived() {
+  return errors::WithReason(
+      absl::ResourceExhaustedError("the server's memory was nearly full while the request arrived; "
+                                   "try again a little later"),
+      "MEMORY_FULL");
 }
 
 // The same bytes. Empty if there are none, or if they are not as they were sent.
@@ -93,6 +92,7 @@ absl::Status CheckSize(int64_t bytes) {
   return errors::InvalidField("name", "comes in a request of more than 64 KiB; send less");
 }
 
+// The handler of one method, and what stands before it. It must outlive the server.
 class GuardedHandler final : public MethodHandler {
  public:
   GuardedHandler(MethodHandler& guarded, std::string_view method, RpcMethod::RpcType type,
@@ -105,60 +105,104 @@ class GuardedHandler final : public MethodHandler {
         access_(access),
         worth_(service.worth),
         refusal_(service.refusal),
-        room_(MakesRoom(method) ? nullptr : service.room) {}
-
-  // gRPC calls this first, with the request of a method that takes a single one; it is kept as it
-  // is, to be parsed only once its caller is admitted.
-  void* Deserialize(grpc_call*, grpc_byte_buffer* request, grpc::Status*, void**) override {
-    return request;
-  }
+        room_(MakesRoom(method) ? nullptr : service.room),
+        gate_(MakesRoom(method) ? nullptr : service.gate) {}
 
   void RunHandler(const HandlerParameter& call) override {
     absl::Status status = access_.Admit(method_, CredentialsOf(*call.server_context));
     if (status.ok()) status = refusal_;
-    const int64_t bytes = RequestBytes(call);
+    if (status.ok() && room_) status = room_(0).status();
+    if (!status.ok()) {
+      Refuse(call, status);
+    } else if (!TakesOneRequest(type_)) {
+      Run(call, nullptr);
+    } else {
+      auto received = std::make_shared<ReceivedRequest>(*this, call);
+      if (gate_ == nullptr) {
+        received->Receive();
+      } else {
+        gate_->Enter(std::move(received), std::chrono::steady_clock::now());
+      }
+    }
+  }
+
+ private:
+  // A call whose single request gRPC receives. It is received only once its caller is admitted, and
+  // is not parsed here.
+  class ReceivedRequest final : public UnreceivedCall,
+                                public std::enable_shared_from_this<ReceivedRequest> {
+   public:
+    ReceivedRequest(GuardedHandler& handler, const HandlerParameter& call)
+        : handler_(handler), call_(call) {}
+
+    void Receive() override {
+      reading_.Start(*call_.call, [self = shared_from_this()](grpc_byte_buffer* request) {
+        self->OnReceived(request);
+      });
+    }
+    void Cancel() override { reading_.Cancel(); }
+    void Refuse(const absl::Status& status) override { handler_.Refuse(call_, status); }
+
+   private:
+    // No request: the caller sent none, or has gone. The parser then says so.
+    void OnReceived(grpc_byte_buffer* request) {
+      MessageGate* const gate = handler_.gate_;
+      if (gate == nullptr || gate->Leave(*this)) {
+        handler_.OnReceived(call_, request);
+        return;
+      }
+      if (request != nullptr) grpc_byte_buffer_destroy(request);
+      Refuse(CancelledWhileReceived());
+    }
+
+    GuardedHandler& handler_;
+    const HandlerParameter call_;
+    MessageReading reading_{call_.call->call(), CancelledWhileReceived()};
+  };
+
+  // Takes `request` over.
+  void OnReceived(const HandlerParameter& call, grpc_byte_buffer* request) {
+    const auto bytes =
+        request == nullptr ? 0 : static_cast<int64_t>(grpc_byte_buffer_length(request));
+    absl::Status status;
     std::shared_ptr<const void> kept;  // until the request is parsed
-    if (status.ok() && room_) {
+    if (room_) {
       auto room = room_(bytes);
       status = room.status();
       if (room.ok()) kept = *std::move(room);
     }
     if (status.ok() && type_ == RpcMethod::SERVER_STREAMING) status = CheckSize(bytes);
     if (status.ok() && bytes >= kLeastCheckedDensity) {
-      status = CheckDensity(request_, Shared(static_cast<grpc_byte_buffer*>(call.request)));
+      status = CheckDensity(request_, Shared(request));
     }
     if (status.ok() && worth_ && type_ == RpcMethod::NORMAL_RPC) {
-      status = worth_(method_, DeadlineOf(*call.server_context),
-                      Shared(static_cast<grpc_byte_buffer*>(call.request)));
+      status = worth_(method_, DeadlineOf(*call.server_context), Shared(request));
     }
     if (status.ok()) {
-      Run(guarded_, call);
-    } else {
-      // Needed no longer than this: a call holds nothing of its handler.
-      Run(*RefusingHandler(type_, ToGrpcStatus(status)), call);
+      Run(call, request);
+      return;
     }
+    if (request != nullptr) grpc_byte_buffer_destroy(request);
+    Refuse(call, status);
   }
 
- private:
-  // Returns the size of the single request; 0 if the call streams its requests, or has none.
-  int64_t RequestBytes(const HandlerParameter& call) const {
-    if (type_ != RpcMethod::NORMAL_RPC && type_ != RpcMethod::SERVER_STREAMING) return 0;
-    auto* request = static_cast<grpc_byte_buffer*>(call.request);
-    return request == nullptr ? 0 : static_cast<int64_t>(grpc_byte_buffer_length(request));
-  }
-
-  void Run(MethodHandler& handler, const HandlerParameter& call) {
+  // Takes `request` over; it is null for a call that streams its requests.
+  void Run(const HandlerParameter& call, grpc_byte_buffer* request) {
     grpc::Status status = call.status;
     void* data = nullptr;
-    void* request = nullptr;
-    if (type_ == RpcMethod::NORMAL_RPC || type_ == RpcMethod::SERVER_STREAMING) {
-      // Takes the buffer over. There is none if the caller sent no message: the parser then says
-      // so.
-      request = handler.Deserialize(call.call->call(), static_cast<grpc_byte_buffer*>(call.request),
-                                    &status, &data);
+    void* parsed = nullptr;
+    if (TakesOneRequest(type_)) {
+      parsed = guarded_.Deserialize(call.call->call(), request, &status, &data);
     }
-    handler.RunHandler(HandlerParameter(call.call, call.server_context, request, status, data,
-                                        call.call_requester));
+    guarded_.RunHandler(HandlerParameter(call.call, call.server_context, parsed, status, data,
+                                         call.call_requester));
+  }
+
+  void Refuse(const HandlerParameter& call, const absl::Status& status) {
+    // Needed no longer than this: a call holds nothing of its handler.
+    RefusingHandler(type_, ToGrpcStatus(status))
+        ->RunHandler(HandlerParameter(call.call, call.server_context, nullptr, grpc::Status::OK,
+                                      nullptr, call.call_requester));
   }
 
   MethodHandler& guarded_;
@@ -169,6 +213,7 @@ class GuardedHandler final : public MethodHandler {
   const decltype(NamedService::worth) worth_;
   const absl::Status refusal_;
   const decltype(NamedService::room) room_;
+  MessageGate* const gate_;
 };
 
 // A service's handlers, which it shows to those who derive from it.
@@ -202,7 +247,10 @@ absl::StatusOr<std::unique_ptr<GuardedService>> GuardedService::Create(
       return absl::InternalError(absl::StrCat(name, " is not served by gRPC's callback API"));
     }
     const RpcMethod::RpcType type = TypeOf(method);
-    guard->AddMethod(new RpcServiceMethod(name.c_str(), type, nullptr));
+    // To gRPC, a method that takes a single request is one that streams both ways: otherwise gRPC
+    // would receive the request before this server knows of the call.
+    const auto received_by = TakesOneRequest(type) ? RpcMethod::BIDI_STREAMING : type;
+    guard->AddMethod(new RpcServiceMethod(name.c_str(), received_by, nullptr));
     guard->MarkMethodCallback(
         i, new GuardedHandler(*handler, name, type, *method.input_type(), access, guarded));
   }

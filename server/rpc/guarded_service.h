@@ -1,5 +1,6 @@
 // A gRPC service behind the access control. Every method, including methods added later, is
-// admitted before any of its code runs, even before its request is parsed.
+// admitted before any of its code runs, even before gRPC receives its request: without a caller who
+// may call, at most what fits HTTP/2's first window is held.
 
 #ifndef MANEUVER_SERVER_RPC_GUARDED_SERVICE_H_
 #define MANEUVER_SERVER_RPC_GUARDED_SERVICE_H_
@@ -18,6 +19,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "server/rpc/message_gate.h"
 #include "server/security/access_control.h"
 
 namespace maneuver::rpc {
@@ -40,9 +42,12 @@ struct NamedService {
   absl::Status refusal = {};
   // Refuses calls while the server has no room for what they need: returns an error, or what is kept
   // until the call's single request is parsed. Called for each call but those that stop or remove
-  // something, with the bytes of that request, or 0 if the call streams its requests. Empty: no call
-  // is refused.
+  // something: with 0 before its request is received, then with the bytes of a single request.
+  // Empty: no call is refused.
   std::function<absl::StatusOr<std::shared_ptr<const void>>(int64_t request_bytes)> room = {};
+  // Bounds how many large requests are received at once, but for calls that stop or remove something.
+  // It must outlive the server. Null: any number.
+  MessageGate* gate = nullptr;
 };
 
 // Register it instead of the service that it guards. The generated code has no place for such a

@@ -9,7 +9,6 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "model/files/durable_file.h"
 #include "model/files/errno_status.h"
 #include "server/security/secret_file.h"
 
@@ -66,7 +65,7 @@ absl::StatusOr<std::chrono::system_clock::time_point> ExpiryOf(const fs::path& f
 
 absl::StatusOr<CertificateSet> LoadCertificates(const CertificateFiles& files) {
   CertificateSet set;
-  auto certificate_pem = files::ReadFile(files.certificate);
+  auto certificate_pem = ReadReloadedFile(files.certificate);
   if (!certificate_pem.ok()) return certificate_pem.status();
   auto key_pem = ReadSecretFile(files.key);
   if (!key_pem.ok()) return key_pem.status();
@@ -88,7 +87,7 @@ absl::StatusOr<CertificateSet> LoadCertificates(const CertificateFiles& files) {
   set.expires = *expires;
 
   if (!files.client_ca.empty()) {
-    auto ca_pem = files::ReadFile(files.client_ca);
+    auto ca_pem = ReadReloadedFile(files.client_ca);
     if (!ca_pem.ok()) return ca_pem.status();
     set.client_ca = *std::move(ca_pem);
     const auto ca = FirstCertificate(files.client_ca, set.client_ca);

@@ -18,6 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr off_t kMostReloadedBytes = off_t{16} << 20;
 constexpr mode_t kForbidden = S_IWGRP | S_IROTH | S_IWOTH | S_IXOTH;
 
 class Descriptor {
@@ -66,14 +67,29 @@ absl::Status ReplaceSecret(const fs::path& file, std::string_view content) {
 
 }  // namespace
 
+absl::StatusOr<std::string> ReadReloadedFile(const fs::path& file) {
+  struct stat about {};
+  if (stat(file.c_str(), &about) != 0) return files::ErrnoStatus(errno, "open", file);
+  if (!S_ISREG(about.st_mode)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(files::NameOf(file), " is not a file, or a link to one"));
+  }
+  if (about.st_size > kMostReloadedBytes) {
+    return absl::InvalidArgumentError(absl::StrCat(files::NameOf(file), " has ", about.st_size,
+                                                   " bytes; at most ", kMostReloadedBytes,
+                                                   " are read"));
+  }
+  return files::ReadFile(file);
+}
+
 absl::StatusOr<std::string> ReadSecretFile(const fs::path& file) {
   struct stat about {};
   if (stat(file.c_str(), &about) != 0) return files::ErrnoStatus(errno, "open", file);
-  if ((about.st_mode & kForbidden) != 0) {
+  if (S_ISREG(about.st_mode) && (about.st_mode & kForbidden) != 0) {
     return absl::PermissionDeniedError(absl::StrCat(
         files::NameOf(file), " is open to other users; close it with: chmod 600 ", file.string()));
   }
-  return files::ReadFile(file);
+  return ReadReloadedFile(file);
 }
 
 absl::Status EditSecretFile(const fs::path& file,

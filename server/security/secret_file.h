@@ -13,8 +13,13 @@
 
 namespace maneuver::security {
 
-// Returns the content. NOT_FOUND if there is no such file. PERMISSION_DENIED, with the command that
-// repairs it, if others may read or write the file or its group may write it.
+// Returns the content of a file that is read again and again while the server runs. NOT_FOUND if
+// there is none. INVALID_ARGUMENT if it is no regular file, such as a pipe, whose reader waits for
+// ever, or has more than 16 MiB.
+absl::StatusOr<std::string> ReadReloadedFile(const std::filesystem::path& file);
+
+// The same for a secret. PERMISSION_DENIED, with the command that repairs it, if others may read or
+// write the file or its group may write it.
 absl::StatusOr<std::string> ReadSecretFile(const std::filesystem::path& file);
 
 // Replaces the content by the result of `edit`, in one step: readers see either the old or the new

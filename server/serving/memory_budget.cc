@@ -15,7 +15,6 @@ namespace {
 
 // Of the limit.
 constexpr double kAdmitted = 0.8;
-constexpr double kUrgent = 0.9;
 constexpr std::chrono::milliseconds kInterval{20};
 // It holds up every thread that allocates.
 constexpr std::chrono::seconds kBetweenFreeing{1};
@@ -102,7 +101,7 @@ absl::Status MemoryBudget::Refuse() {
       kDelayWhenFull);
 }
 
-void MemoryBudget::RelieveBy(std::function<int(bool is_urgent)> relieve) {
+void MemoryBudget::RelieveBy(std::function<int(double part)> relieve) {
   const MutexLock lock(looking_);
   relieve_ = std::move(relieve);
 }
@@ -112,9 +111,8 @@ void MemoryBudget::Look() {
   const MutexLock lock(looking_);
   const double most = kAdmitted * static_cast<double>(limit_);
   auto used = static_cast<double>(used_());
-  const auto limit = static_cast<double>(limit_);
   // First: to free what is unused may take long.
-  if (relieve_) closed_->Increment(relieve_(used > kUrgent * limit));
+  if (relieve_) closed_->Increment(relieve_(used / static_cast<double>(limit_)));
   const auto now = std::chrono::steady_clock::now();
   if ((used > most || is_short_) && now >= may_free_from_) {
     is_full_ = used > most;

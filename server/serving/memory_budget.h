@@ -46,10 +46,10 @@ class MemoryBudget {
   // while nobody can see it yet. It must not outlive this object.
   absl::StatusOr<std::shared_ptr<const void>> AdmitRequest(int64_t bytes);
 
-  // Lets every look call `relieve`, with true above 90 % of the limit. It must then let go of what
-  // was never admitted, such as messages that are still being received, and returns how many
+  // Lets every look call `relieve` with the part of the limit that is in use. It lets go of what was
+  // never admitted, such as messages that are still being received, and returns how many
   // connections it closed for that.
-  void RelieveBy(std::function<int(bool is_urgent)> relieve);
+  void RelieveBy(std::function<int(double part)> relieve);
 
   // Looks at the memory now. If it is full, or a call was refused, frees what is unused, at most
   // once a second, and looks again.
@@ -69,7 +69,7 @@ class MemoryBudget {
   std::atomic<bool> is_full_ = false;
   std::atomic<bool> is_short_ = false;  // a large request did not fit
   Mutex looking_;
-  std::function<int(bool)> relieve_ ABSL_GUARDED_BY(looking_);
+  std::function<int(double)> relieve_ ABSL_GUARDED_BY(looking_);
   std::chrono::steady_clock::time_point may_free_from_ ABSL_GUARDED_BY(looking_){};
   Mutex reserving_;
   int64_t reserved_ ABSL_GUARDED_BY(reserving_) = 0;

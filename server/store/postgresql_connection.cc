@@ -145,19 +145,21 @@ bool PostgresqlConnection::Wait(short events, Time deadline) const {
 }
 
 absl::StatusOr<bool> PostgresqlConnection::WaitForNotification(int stop) {
+  bool is_notified = false;
   for (;;) {
-    bool is_notified = false;
     while (PGnotify* notification = libpq_.PQnotifies(connection_)) {
       libpq_.PQfreemem(notification);
       is_notified = true;
     }
-    if (is_notified) return true;
     pollfd sockets[] = {{libpq_.PQsocket(connection_), POLLIN, 0}, {stop, POLLIN, 0}};
-    if (poll(sockets, 2, /*timeout=*/-1) < 0) {
+    // Those that have arrived meanwhile belong to the same.
+    const int ready = poll(sockets, 2, /*timeout=*/is_notified ? 0 : -1);
+    if (ready < 0) {
       if (errno == EINTR) continue;
       return Break("it cannot be waited for");
     }
     if (sockets[1].revents != 0) return false;
+    if (ready == 0) return true;
     if (libpq_.PQconsumeInput(connection_) == 0) {
       return Break(FirstLine(libpq_.PQerrorMessage(connection_)));
     }

@@ -10,6 +10,9 @@ namespace maneuver::store {
 namespace {
 
 constexpr std::chrono::seconds kBetweenConnections{1};
+// Every role that may connect to the database can NOTIFY, as often as it likes, and each change has
+// queries as its consequence.
+constexpr std::chrono::milliseconds kBetweenChanges{50};
 
 }  // namespace
 
@@ -36,7 +39,7 @@ PostgresqlListener::~PostgresqlListener() {
   close(stop_event_);
 }
 
-void PostgresqlListener::Listen() const {
+void PostgresqlListener::Listen() {
   // The store logs that the database is away.
   const auto connection = PostgresqlConnection::Open(address_);
   if (!connection.ok() || !(*connection)->RunScript("LISTEN maneuver_models").ok()) return;
@@ -46,6 +49,7 @@ void PostgresqlListener::Listen() const {
     if (!is_notified.ok() || !*is_notified) return;
     heard_.Increment();
     changed_();
+    if (stop_.StoppedWithin(kBetweenChanges)) return;
   }
 }
 

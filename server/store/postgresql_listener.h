@@ -23,7 +23,8 @@ absl::Status NotifyOfModels(PostgresqlConnection& connection);
 // Connects again if the connection is lost.
 class PostgresqlListener final : public StoreListener {
  public:
-  //   changed: also called when the listener has connected, because what came before is not told
+  //   changed: called at most twenty times a second; also when the listener has connected, because
+  //     what came before is not told
   //   heard: counts notifications; must outlive this object
   PostgresqlListener(std::string address, std::function<void()> changed,
                      monitoring::Counter& heard);
@@ -33,7 +34,7 @@ class PostgresqlListener final : public StoreListener {
 
  private:
   // Returns when the connection is lost or the object is destroyed.
-  void Listen() const;
+  void Listen();
 
   const std::string address_;
   const std::function<void()> changed_;

@@ -17,6 +17,14 @@ bool HoldsPassword(std::string_view after_scheme) {
     return true;
   }
   const size_t query = after_scheme.find('?');
+  // To libpq, a '/' that is not escaped ends the authority, also within a password: it would then
+  // repeat the password's start as a port that is none.
+  const std::string_view before_query = after_scheme.substr(0, query);
+  const size_t first_at = before_query.find('@');
+  if (first_at != std::string_view::npos &&
+      before_query.substr(0, first_at).find(':') != std::string_view::npos) {
+    return true;
+  }
   if (query == std::string_view::npos) return false;
   const std::string_view text = after_scheme.substr(query + 1);
   for (const absl::string_view pair :

@@ -159,6 +159,25 @@ TEST_F(SharedStoreTest, TheDatabaseTellsAnotherServerOfEachChangeOfModels) {
   }
 }
 
+// Any role that may connect can do this.
+TEST_F(SharedStoreTest, AFloodOfNotificationsIsToldOfTwentyTimesASecond) {
+  Announce({"town", 1});
+  Told told;
+  const auto listener = b_->ListenForModels([&] { told.Tell(); });
+  ASSERT_TRUE(told.Exceeds(0));
+  const int before = told.count();
+  const auto start = std::chrono::steady_clock::now();
+  Execute(
+      "DO $$ BEGIN FOR i IN 1..2000 LOOP PERFORM pg_notify('maneuver_models', ''); COMMIT;"
+      " END LOOP; END $$");
+  const std::chrono::milliseconds time =
+      std::chrono::ceil<std::chrono::milliseconds>(std::chrono::steady_clock::now() - start);
+  EXPECT_LE(told.count() - before, time.count() / 50 + 2);
+  // The last one is not lost.
+  ASSERT_TRUE(a_->SetAlias(kServing, 1).ok());
+  EXPECT_TRUE(told.Exceeds(before));
+}
+
 TEST_F(SharedStoreTest, AListenerThatLosesItsConnectionListensAgain) {
   Announce({"town", 1});
   Told told;

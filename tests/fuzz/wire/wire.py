@@ -44,6 +44,8 @@ LIMITS = {Field.CPPTYPE_INT32: (-2**31, 2**31 - 1), Field.CPPTYPE_INT64: (-2**63
 # Says what gRPC itself says, without our reasons.
 OF_GRPC = ("received initial metadata", "Received message larger", "Sent message larger")
 DEPTH = 6
+SERVICES = ("model_service", "dataset_service", "outcome_service", "training_service", "tag_service", "replica_service",
+            "admin_service")  # beside the predictions
 
 
 def scalar(rng, field):
@@ -121,13 +123,13 @@ class Contract:
     def __init__(self, folder):
         self.prediction, self.status, _ = load_messages(folder)
         pool = descriptor_pool.Default()
-        for name in ("model_service", "dataset_service", "outcome_service", "training_service", "admin_service"):
+        for name in SERVICES:
             importlib.import_module(f"maneuver.v1.{name}_pb2")
         make = getattr(message_factory, "GetMessageClass", None) or message_factory.MessageFactory(pool).GetPrototype
         self.scene = json_format.Parse((REPOSITORY / "tests" / "clients" / "request.json").read_text(),
                                        self.prediction.PredictRequest())
         self.methods = []
-        for name in ("prediction_service", "model_service", "dataset_service", "outcome_service", "training_service", "admin_service"):
+        for name in ("prediction_service", *SERVICES):
             for service in pool.FindFileByName(f"maneuver/v1/{name}.proto").services_by_name.values():
                 for method in service.methods:
                     seed = make(method.input_type)()

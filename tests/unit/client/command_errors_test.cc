@@ -407,7 +407,9 @@ TEST(PrintableTest, EscapesControlCharactersOnly) {
   EXPECT_EQ(Printable("\xc2\x9b"
                       "2J"),
             "\\u009b2J");  // CSI in one character
-  EXPECT_EQ(Printable("Straße, 20 °C"), "Straße, 20 °C");
+  EXPECT_EQ(Printable("Straße, 20 °C – 30 °C"), "Straße, 20 °C – 30 °C");
+  EXPECT_EQ(Printable("a\u202egnp\u2066\u2028b"), "a\\u202egnp\\u2066\\u2028b")
+      << "text that shows as other text";
   EXPECT_EQ(PrintableLines("one\ntwo\r"), "one\ntwo\\x0d");
 }
 

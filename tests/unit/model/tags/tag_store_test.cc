@@ -53,6 +53,12 @@ TEST_F(TagStoreTest, ReportsADamagedShard) {
   ASSERT_TRUE(PrepareTagFolder(store_.FolderOf("june"), SmallSchema()).ok());
   std::ofstream(store_.FolderOf("june") / "town-a.tags") << "something else entirely";
   EXPECT_TRUE(absl::IsDataLoss(store_.Get("june").status()));
+  std::ofstream(store_.FolderOf("june") / "schema.json") << std::string(2'000'000, '[');
+  const absl::Status damaged = store_.Get("june").status();
+  EXPECT_TRUE(absl::IsDataLoss(damaged));
+  const std::string message(damaged.message());
+  EXPECT_THAT(message, testing::StartsWith("tags/june: schema.json is damaged"));
+  EXPECT_THAT(message, testing::Not(testing::HasSubstr("\n")));
   EXPECT_TRUE(store_.Detach("june").ok()) << "it can be deleted";
 }
 

@@ -180,6 +180,7 @@ TEST(TagRequestTest, RefusesInvalidRequests) {
   refuses("stride", [](auto& r) { r.mutable_stride()->set_seconds(-1); });
   refuses("stride", [](auto& r) { r.mutable_stride(); });
   refuses("stride", [](auto& r) { r.mutable_stride()->set_seconds(3601); });
+  refuses("stride", [](auto& r) { r.mutable_stride()->set_nanos(1'000'000'000); });
   refuses("priority", [](auto& r) { r.set_priority(101); });
   refuses("request_id", [](auto& r) { r.set_request_id(std::string(129, 'x')); });
 }

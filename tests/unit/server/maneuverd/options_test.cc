@@ -262,6 +262,7 @@ TEST_F(OptionsTest, TheStoreIsTheEmbeddedOneUnlessADatabaseIsNamed) {
 TEST_F(OptionsTest, APasswordOfTheStoreIsRefusedAndNotShown) {
   for (const std::string uri :
        {"postgresql://maneuver:hunter2@db.example/maneuver", "postgresql:///m?password=hunter2",
+        "postgresql://maneuver:hunter2/7@db.example/maneuver",
         "postgresql:///m?host=/run&PASSWORD=hunter2", "postgresql:///m?p%61ssword=hunter2"}) {
     const Outcome outcome =
         Parse({"--data-dir", "d", "--print-config"}, {"MANEUVERD_STORE=" + uri});

@@ -98,10 +98,10 @@ TEST(HttpPagesTest, SaysThatIpv6IsNotServed) {
 TEST(HttpPagesTest, SilentConnectionsDoNotDelayAScrape) {
   const auto pages = Serve();
   std::vector<int> silent;
-  for (int i = 0; i < 3; ++i) silent.push_back(ConnectTo(pages->port()));
+  for (int i = 0; i < 200; ++i) silent.push_back(ConnectTo(pages->port()));
   const auto start = std::chrono::steady_clock::now();
   EXPECT_THAT(Ask(pages->port(), "GET /echo?a"), HasSubstr("200 OK"));
-  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(1));
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(2));
   for (const int descriptor : silent) close(descriptor);
 }
 

@@ -6,11 +6,13 @@
 #include <atomic>
 #include <latch>
 #include <limits>
+#include <stop_token>
 #include <thread>
 
 #include "absl/strings/str_cat.h"
 #include "grpc/reflection/v1/reflection.grpc.pb.h"
 #include "server/errors/error_details.h"
+#include "server/rpc/message_gate.h"
 #include "server/rpc/predict_stream.h"
 #include "server/security/identities.h"
 #include "server/security/secret_file.h"
@@ -500,6 +502,81 @@ TEST_F(ServerTest, AnswersRefusedEmptyAndMalformedCallsOfEachKind) {
   }
   v1::PredictResponse response;
   EXPECT_TRUE(Predict(OneScene(), &response).ok());
+}
+
+// Otherwise a stranger could make the server receive any number of large messages.
+TEST_F(ServerTest, RefusesAStrangerWhoHasNotSentTheRequest) {
+  ASSERT_TRUE(security::AppendLine(folder_ / "tokens", "# nobody\n").ok());
+  const auto nobody =
+      security::AccessControl::Create({.identities = folder_ / "tokens"}, *metrics_);
+  ASSERT_TRUE(nobody.ok()) << nobody.status();
+  const auto closed = Server::Start(
+      {"127.0.0.1", 0}, {{v1::PredictionService::service_full_name(), predictions_.get()}},
+      **nobody, *metrics_);
+  ASSERT_TRUE(closed.ok()) << closed.status();
+  const auto channel =
+      grpc::CreateChannel((*closed)->address().ToString(), grpc::InsecureChannelCredentials());
+  grpc::ClientContext context;
+  context.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(60));
+  grpc::CompletionQueue queue;
+  const auto finished = [&queue] {
+    void* tag = nullptr;
+    bool ok = false;
+    queue.Next(&tag, &ok);
+  };
+  auto call = grpc::GenericStub(channel).PrepareCall(
+      &context, "/maneuver.v1.PredictionService/Predict", &queue);
+  call->StartCall(nullptr);
+  finished();
+  grpc::Status status;
+  call->Finish(&status, nullptr);
+  finished();
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::UNAUTHENTICATED) << status.error_message();
+}
+
+// One caller sends nothing of its request, and the gate allows none of them.
+TEST_F(ServerTest, ACallThatSendsItsRequestTooSlowlyIsRefusedAndAnotherIsAnswered) {
+  Publish();
+  MessageGate gate(1);
+  std::jthread looking([&gate](const std::stop_token& stop) {
+    while (!stop.stop_requested()) {
+      gate.Look(std::chrono::steady_clock::now(), /*allowed=*/0);
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
+  });
+  const auto server = Server::Start({"127.0.0.1", 0},
+                                    {{.name = v1::PredictionService::service_full_name(),
+                                      .service = predictions_.get(),
+                                      .gate = &gate}},
+                                    *access_, *metrics_);
+  ASSERT_TRUE(server.ok()) << server.status();
+  const auto channel =
+      grpc::CreateChannel((*server)->address().ToString(), grpc::InsecureChannelCredentials());
+  grpc::ClientContext slow;
+  slow.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(60));
+  grpc::CompletionQueue queue;
+  const auto finished = [&queue] {
+    void* tag = nullptr;
+    bool ok = false;
+    queue.Next(&tag, &ok);
+  };
+  auto call = grpc::GenericStub(channel).PrepareCall(
+      &slow, "/maneuver.v1.PredictionService/Predict", &queue);
+  call->StartCall(nullptr);  // and sends nothing
+  finished();
+  grpc::Status status;
+  call->Finish(&status, nullptr);
+  finished();
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED) << status.error_message();
+  looking.request_stop();
+  looking.join();
+  gate.Look(std::chrono::steady_clock::now(), /*allowed=*/1);
+  const auto stub = v1::PredictionService::NewStub(channel);
+  grpc::ClientContext context;
+  context.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(60));
+  v1::PredictResponse response;
+  const grpc::Status answered = stub->Predict(&context, OneScene(), &response);
+  EXPECT_TRUE(answered.ok()) << answered.error_message();
 }
 
 // A server without room for calls, which only callers with a token reach.

@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <atomic>
 #include <filesystem>
@@ -223,6 +224,24 @@ TEST(SecretFileTest, RefusesAFileThatOthersMayReadAndNamesTheRemedy) {
   ASSERT_TRUE(AppendLine(file, "b\n").ok());
   EXPECT_EQ(*ReadSecretFile(file), "a\nb\n");
   EXPECT_NE(fs::status(file).permissions() & fs::perms::group_read, fs::perms::none);
+}
+
+// To open a pipe for reading waits for a writer: nothing would be reloaded any more.
+TEST(SecretFileTest, RefusesAPipeAndAFolderAtOnce) {
+  const TemporaryFolder folder;
+  ASSERT_EQ(mkfifo((folder / "pipe").c_str(), 0600), 0);
+  EXPECT_TRUE(absl::IsInvalidArgument(ReadSecretFile(folder / "pipe").status()));
+  EXPECT_TRUE(absl::IsInvalidArgument(ReadReloadedFile(folder.path()).status()));
+}
+
+TEST(SecretFileTest, RefusesAFileThatWouldFillTheMemory) {
+  const TemporaryFolder folder;
+  const fs::path file = folder / "secret";
+  ASSERT_TRUE(AppendLine(file, "a\n").ok());
+  fs::resize_file(file, (uintmax_t{16} << 20) + 1);
+  const auto refused = ReadSecretFile(file);
+  EXPECT_TRUE(absl::IsInvalidArgument(refused.status()));
+  EXPECT_THAT(refused.status().message(), HasSubstr("at most 16777216"));
 }
 
 TEST(SecretFileTest, KeepsAllLinesThatAreAppendedConcurrently) {

@@ -58,17 +58,17 @@ TEST_F(MemoryBudgetTest, FreesAtMostOnceASecond) {
   EXPECT_EQ(freed_, 1);
 }
 
-TEST_F(MemoryBudgetTest, ClosesLargeSendersAboveNineTenthsOfTheLimit) {
-  std::vector<bool> urgent;
-  budget_.RelieveBy([&urgent](bool is_urgent) {
-    urgent.push_back(is_urgent);
-    return is_urgent ? 3 : 0;
+TEST_F(MemoryBudgetTest, TellsAtEachLookHowMuchIsInUseAndCountsClosedConnections) {
+  std::vector<double> parts;
+  budget_.RelieveBy([&parts](double part) {
+    parts.push_back(part);
+    return part > 0.9 ? 3 : 0;
   });
   for (const int64_t used : {500, 900, 901}) {
     used_ = used;
     budget_.Look();
   }
-  EXPECT_THAT(urgent, testing::ElementsAre(false, false, true));
+  EXPECT_THAT(parts, testing::ElementsAre(0.5, 0.9, 0.901));
   EXPECT_THAT(metrics_->Page(), testing::HasSubstr("maneuver_memory_closed_connections_total 3\n"));
 }
 
