@@ -293,6 +293,21 @@ absl::Status DatasetStore::AdoptFolders() const {
   return absl::OkStatus();
 }
 
+absl::Status DatasetStore::AdoptNewFolders() {
+  if (ledger_ == nullptr) return absl::OkStatus();
+  std::error_code error;
+  const fs::file_time_type changed = fs::last_write_time(folder_, error);
+  if (error) return files::ErrnoStatus(error.value(), "read", folder_);
+  {
+    const MutexLock lock(mutex_);
+    if (changed == adopted_) return absl::OkStatus();
+  }
+  if (absl::Status status = AdoptFolders(); !status.ok()) return status;
+  const MutexLock lock(mutex_);
+  adopted_ = changed;
+  return absl::OkStatus();
+}
+
 absl::Status DatasetStore::CheckRoom(uint64_t wanted, uint64_t arrived, uint64_t announced,
                                      uint64_t missing, uint64_t broken_off) const {
   // An upload that ends meanwhile must count twice rather than not at all.

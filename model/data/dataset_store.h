@@ -2,8 +2,8 @@
 //
 // Without a ledger a dataset exists while its folder is there. With one (dataset_ledger.h) it exists
 // while the ledger lists it. Then what lists, counts and gets datasets does not read the folder. A
-// folder that the ledger does not know is added to it when a store opens, by AdoptFolders, and when
-// its id is asked for. It is whole: a server died while it published it, or a server without the
+// folder that the ledger does not know is added to it when a store opens, by AdoptFolders and
+// AdoptNewFolders, and when its id is asked for. It is whole: a server died while it published it, or a server without the
 // ledger made it.
 
 #ifndef MANEUVER_MODEL_DATA_DATASET_STORE_H_
@@ -116,6 +116,9 @@ class DatasetStore {
   // Adds folders that the ledger does not know to it, but for those whose manifest is damaged.
   // Removes nothing from it: folders may be away. OK if there is no ledger.
   absl::Status AdoptFolders() const;
+  // Does the same if a name in the folder has changed since the last call that returned OK. Cheap
+  // enough for once a second.
+  absl::Status AdoptNewFolders();
 
   // Removes a dataset from the store in one step. The caller should then delete the returned
   // folder, which may take long; otherwise the next Open does. If the ledger is lost meanwhile, the
@@ -165,6 +168,8 @@ class DatasetStore {
   Mutex mutex_;
   // Results of ListScenarios, by id and time of creation.
   std::map<std::pair<std::string, int64_t>, Summaries> summaries_ ABSL_GUARDED_BY(mutex_);
+  // When the folder had last changed before AdoptNewFolders read it.
+  std::filesystem::file_time_type adopted_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace maneuver::data

@@ -378,6 +378,13 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
     if (!options.is_shared) return;
     while (!stop_following.StoppedWithin(kFollowInterval)) (*models)->Follow();
   });
+  // Of servers of an earlier release, which know no ledger. The folder may hang, so apart.
+  StopLatch stop_adopting;
+  std::thread adopter([&] {
+    while (options.is_shared && !stop_adopting.StoppedWithin(kFollowInterval)) {
+      (*datasets)->AdoptNewFolders().IgnoreError();  // tried again
+    }
+  });
 
   const int signal = signals.Wait();
   signals.ExitOnNext();
@@ -397,7 +404,9 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   (*server)->Shutdown(refusing + options.shutdown_timeout);
   (*models)->OnReadyChange(nullptr);
   stop_following.Stop();
+  stop_adopting.Stop();
   loader.join();
+  adopter.join();
   manager.EndWatch();
   Log(LogLevel::kInfo, "stopped");
   return absl::OkStatus();

@@ -20,7 +20,7 @@ absl::Status NoSuchDataset(const std::string& id) {
 
 // Bounds how long the rest of a transaction waits for a server that was frozen within one.
 absl::Status WaitBriefly(PostgresqlConnection& connection) {
-  return connection.Run("SELECT set_config('lock_timeout', '2s', true)").status();
+  return connection.Run("SELECT set_config('lock_timeout', '1s', true)").status();
 }
 
 }  // namespace

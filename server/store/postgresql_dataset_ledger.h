@@ -17,7 +17,7 @@
 namespace maneuver::store {
 
 // Each Add and Remove is one transaction, which holds the row while the folder is moved. Another
-// server that adds or removes the same dataset waits for its end, for 2 s at most; then its call is
+// server that adds or removes the same dataset waits for its end, for 1 s at most; then its call is
 // UNAVAILABLE. The session waits, too: a folder that hangs would keep the store from its other
 // callers, so callers first write beside the folder. PostgreSQL ends the transaction of a server that
 // was frozen after 30 s.

@@ -42,13 +42,17 @@ class InterruptedLedger final : public DatasetLedger {
  public:
   explicit InterruptedLedger(DatasetLedger& ledger) : ledger_(ledger) {}
 
+  int listings = 0;  // calls of ListIds
   std::function<void()> before_add = [] {};
   std::function<void()> after_move = [] {};  // of a folder, before the commit
 
   absl::StatusOr<std::vector<v1::Dataset>> List(const std::string& after, size_t limit) override {
     return ledger_.List(after, limit);
   }
-  absl::StatusOr<std::vector<std::string>> ListIds() override { return ledger_.ListIds(); }
+  absl::StatusOr<std::vector<std::string>> ListIds() override {
+    ++listings;
+    return ledger_.ListIds();
+  }
   absl::StatusOr<v1::Dataset> Get(const std::string& id) override { return ledger_.Get(id); }
   absl::StatusOr<int64_t> TotalBytes() override { return ledger_.TotalBytes(); }
   absl::Status Add(const v1::Dataset& manifest, int64_t bytes,
@@ -262,6 +266,21 @@ TEST_F(SharedDatasetsTest, AdoptsFoldersThatNoLedgerKnows) {
   EXPECT_TRUE(absl::IsDataLoss(b_->Get("damaged").status()));
   EXPECT_TRUE(b_->Detach("damaged").ok());
   EXPECT_TRUE(absl::IsNotFound(b_->Get("damaged").status()));
+}
+
+TEST_F(SharedDatasetsTest, LooksForNewFoldersOnlyWhenTheFolderHasChanged) {
+  InterruptedLedger ledger(*store_b_->Datasets());
+  const auto b = Open(&ledger);
+  ASSERT_TRUE(Upload(*Open(nullptr), "town", *local_).ok());
+  ASSERT_TRUE(b->AdoptNewFolders().ok());
+  EXPECT_THAT(Listed(*a_), ElementsAre("datasets/town"));
+  const int listings = ledger.listings;
+  ASSERT_TRUE(b->AdoptNewFolders().ok());
+  EXPECT_EQ(ledger.listings, listings);
+  // The clock of a file system may stand still for some milliseconds.
+  fs::last_write_time(datasets_, fs::last_write_time(datasets_) + std::chrono::seconds(1));
+  ASSERT_TRUE(b->AdoptNewFolders().ok());
+  EXPECT_EQ(ledger.listings, listings + 1);
 }
 
 TEST_F(SharedDatasetsTest, AdoptsNoFolderThatIsDeletedOrReplacedMeanwhile) {
