@@ -55,6 +55,8 @@ TEST_F(MessageGateTest, OfTooManySlowRequestsKeepsThoseThatCameFirst) {
   for (int i = 0; i < 3; ++i) EXPECT_THAT(calls[i]->told, ElementsAre("receive")) << i;
   for (int i = 3; i < 5; ++i) EXPECT_THAT(calls[i]->told, ElementsAre("receive", "cancel")) << i;
   EXPECT_THAT(young->told, ElementsAre("receive"));
+  EXPECT_EQ(gate_.CountSlow(start_ + MessageGate::kYoung), 0u);
+  EXPECT_EQ(gate_.CountSlow(start_ + MessageGate::kYoung + milliseconds(1)), 5u);
   EXPECT_TRUE(gate_.Leave(*calls[0]));
   EXPECT_FALSE(gate_.Leave(*calls[3]));
 }
