@@ -49,6 +49,7 @@ TEST_F(MessageGateTest, LetsAnyNumberOfQuickRequestsPass) {
 
 TEST_F(MessageGateTest, OfTooManySlowRequestsKeepsThoseThatCameFirst) {
   std::vector<std::shared_ptr<Call>> calls;
+  calls.reserve(5);
   for (int i = 0; i < 5; ++i) calls.push_back(Enter(milliseconds(0)));
   const auto young = Enter(milliseconds(1));
   for (int i = 0; i < 2; ++i) Look(MessageGate::kYoung + milliseconds(1), 3);
