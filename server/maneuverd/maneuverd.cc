@@ -9,6 +9,7 @@
 #include <chrono>
 #include <cstdlib>
 #include <iostream>
+#include <limits>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -216,8 +217,9 @@ v1::Replica DescribeReplica(const ServerOptions& options, const serving::Serving
 }
 
 // Lets large requests be received only as far as memory is free, were they as large as may be, or a
-// few that have an eighth of it. When it runs out, closes the connections that sent the most in the
-// last seconds, until the others sent no more than that eighth.
+// few that have an eighth of it. All may go on while twice of what arrived lately fits: requests that
+// do not come take no memory. When it runs out, closes the connections that sent the most in the last
+// seconds, until the others sent no more than that eighth.
 void BoundReceiving(int port, const ServerOptions& options, rpc::MessageGate& gate,
                     serving::MemoryBudget& memory) {
   const int64_t least = serving::ShareOf(options.memory_limit, 8, options.limits.max_receive_bytes);
@@ -225,9 +227,14 @@ void BoundReceiving(int port, const ServerOptions& options, rpc::MessageGate& ga
       [received = rpc::ReceivedBytes(port), &gate, least,
        limit = static_cast<double>(options.memory_limit),
        largest = static_cast<double>(options.limits.max_message_bytes)](double part) mutable {
-        const double free = std::max((kFilled - part) * limit, static_cast<double>(least));
-        gate.Look(std::chrono::steady_clock::now(), static_cast<size_t>(free / largest));
-        received.Note(std::chrono::steady_clock::now());
+        const auto now = std::chrono::steady_clock::now();
+        received.Note(now);
+        const double free = (kFilled - part) * limit;
+        auto allowed = static_cast<size_t>(std::max(free, static_cast<double>(least)) / largest);
+        if (gate.CountSlow(now) > allowed && 2.0 * static_cast<double>(received.Recent()) < free) {
+          allowed = std::numeric_limits<size_t>::max();
+        }
+        gate.Look(now, allowed);
         return part > kUrgent ? received.CutOffLargest(least) : 0;
       });
 }

@@ -91,7 +91,7 @@ class MessageReading {
     static_assert(sizeof(grpc::ByteBuffer) == sizeof(grpc_byte_buffer*),
                   "a ByteBuffer is no pointer to a grpc_byte_buffer any more");
     grpc_byte_buffer* bytes = nullptr;
-    std::memcpy(&bytes, static_cast<const void*>(&message_), sizeof bytes);
+    std::memcpy(&bytes, static_cast<const void*>(&message_), sizeof(grpc::ByteBuffer));
     message_.Release();
     return bytes;
   }

@@ -55,6 +55,13 @@ bool MessageGate::Leave(const UnreceivedCall& call) {
   return !left.is_cancelled;
 }
 
+size_t MessageGate::CountSlow(Time now) {
+  const MutexLock lock(mutex_);
+  const auto is_slow = [now](const Place& place) { return now - place.since > kYoung; };
+  return static_cast<size_t>(
+      std::distance(receiving_.begin(), std::ranges::find_if_not(receiving_, is_slow)));
+}
+
 void MessageGate::Look(Time now, size_t allowed) {
   std::vector<std::shared_ptr<UnreceivedCall>> begun;
   std::vector<std::shared_ptr<UnreceivedCall>> cancelled;

@@ -49,6 +49,8 @@ class MessageGate {
   // Call it once for each Receive(), when the request is there or will not come. Returns false if the
   // call was cancelled.
   bool Leave(const UnreceivedCall& call);
+  // Returns how many requests are slow.
+  size_t CountSlow(Time now);
   // Cancels slow requests until `allowed` are left. Call it often.
   void Look(Time now, size_t allowed);
 

@@ -76,15 +76,28 @@ void ReceivedBytes::Note(std::chrono::steady_clock::time_point now) {
   before_ = std::exchange(latest_, Read());
 }
 
+ReceivedBytes::Totals ReceivedBytes::ReadRecent() const {
+  Totals recent = Read();
+  for (auto& [descriptor, total] : recent) {
+    const auto before = before_.find(descriptor);
+    // A descriptor may be that of another connection by now.
+    if (before != before_.end() && before->second <= total) total -= before->second;
+  }
+  return recent;
+}
+
+int64_t ReceivedBytes::Recent() const {
+  int64_t sum = 0;
+  for (const auto& [descriptor, bytes] : ReadRecent()) sum += bytes;
+  return sum;
+}
+
 int ReceivedBytes::CutOffLargest(int64_t left) const {
   std::vector<std::pair<int64_t, int>> received;  // with the descriptor
   int64_t sum = 0;
-  for (const auto& [descriptor, total] : Read()) {
-    const auto before = before_.find(descriptor);
-    // A descriptor may be that of another connection by now.
-    const bool same = before != before_.end() && before->second <= total;
-    received.emplace_back(same ? total - before->second : total, descriptor);
-    sum += received.back().first;
+  for (const auto& [descriptor, bytes] : ReadRecent()) {
+    received.emplace_back(bytes, descriptor);
+    sum += bytes;
   }
   std::ranges::sort(received, std::greater());
   int cut = 0;

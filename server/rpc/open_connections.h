@@ -24,6 +24,8 @@ class ReceivedBytes {
 
   // Notes, once a second, what each connection has received until now. Call it at least as often.
   void Note(std::chrono::steady_clock::time_point now);
+  // Returns the bytes of all connections since the note of one to two seconds ago.
+  int64_t Recent() const;
   // Shuts down the connections that have received the most since the note of one to two seconds
   // ago, until the others have received at most `left` bytes together. Returns how many it shut
   // down, without those that were shut down before.
@@ -33,6 +35,7 @@ class ReceivedBytes {
   using Totals = std::map<int, int64_t>;  // bytes since the connection began, by its descriptor
 
   Totals Read() const;
+  Totals ReadRecent() const;
 
   const int port_;
   Totals latest_;

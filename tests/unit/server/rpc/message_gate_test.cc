@@ -49,12 +49,15 @@ TEST_F(MessageGateTest, LetsAnyNumberOfQuickRequestsPass) {
 
 TEST_F(MessageGateTest, OfTooManySlowRequestsKeepsThoseThatCameFirst) {
   std::vector<std::shared_ptr<Call>> calls;
+  calls.reserve(5);
   for (int i = 0; i < 5; ++i) calls.push_back(Enter(milliseconds(0)));
   const auto young = Enter(milliseconds(1));
   for (int i = 0; i < 2; ++i) Look(MessageGate::kYoung + milliseconds(1), 3);
   for (int i = 0; i < 3; ++i) EXPECT_THAT(calls[i]->told, ElementsAre("receive")) << i;
   for (int i = 3; i < 5; ++i) EXPECT_THAT(calls[i]->told, ElementsAre("receive", "cancel")) << i;
   EXPECT_THAT(young->told, ElementsAre("receive"));
+  EXPECT_EQ(gate_.CountSlow(start_ + MessageGate::kYoung), 0u);
+  EXPECT_EQ(gate_.CountSlow(start_ + MessageGate::kYoung + milliseconds(1)), 5u);
   EXPECT_TRUE(gate_.Leave(*calls[0]));
   EXPECT_FALSE(gate_.Leave(*calls[3]));
 }
