@@ -3,8 +3,8 @@
 // Without a ledger a dataset exists while its folder is there. With one (dataset_ledger.h) it exists
 // while the ledger lists it. Then what lists, counts and gets datasets does not read the folder. A
 // folder that the ledger does not know is added to it when a store opens, by AdoptFolders and
-// AdoptNewFolders, and when its id is asked for. It is whole: a server died while it published it, or a server without the
-// ledger made it.
+// AdoptNewFolders, and when its id is asked for. It is whole: a server died while it published it,
+// or a server without the ledger made it.
 
 #ifndef MANEUVER_MODEL_DATA_DATASET_STORE_H_
 #define MANEUVER_MODEL_DATA_DATASET_STORE_H_
