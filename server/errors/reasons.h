@@ -156,7 +156,8 @@ inline constexpr ReasonEntry kReasons[] = {
      "register a folder that does, upload the dataset, or change the server's configuration"},
     {"DATASET_INVALID", "INVALID_ARGUMENT", "the upload is not a dataset, or is incomplete",
      "correct what the message says and upload again"},
-    {"DATASET_DAMAGED", "DATA_LOSS", "the dataset's files have changed since they were stored",
+    {"DATASET_DAMAGED", "DATA_LOSS",
+     "the dataset's files have changed since they were stored, or are gone",
      "delete it and upload it again"},
     {"UPLOAD_CHANGED", "UNAVAILABLE",
      "less has arrived than the header skips, or an earlier upload of the same is just being "

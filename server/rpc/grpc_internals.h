@@ -54,11 +54,7 @@ class InlineReactor : public Reactor {
 // Receives one message of a call that was handed over without any.
 class MessageReading {
  public:
-  //   cancelled: with what Cancel() ends the call
-  MessageReading(grpc_call* call, const absl::Status& cancelled)
-      : call_(call), cancelled_(cancelled.message()) {
-    grpc_call_ref(call_);
-  }
+  explicit MessageReading(grpc_call* call) : call_(call) { grpc_call_ref(call_); }
   ~MessageReading() { grpc_call_unref(call_); }
   MessageReading(const MessageReading&) = delete;
   MessageReading& operator=(const MessageReading&) = delete;
@@ -80,10 +76,10 @@ class MessageReading {
     call.PerformOps(&operation_);
   }
 
-  // Ends the call with RESOURCE_EXHAUSTED.
-  void Cancel() {
-    grpc_call_cancel_with_status(call_, GRPC_STATUS_RESOURCE_EXHAUSTED, cancelled_.c_str(),
-                                 nullptr);
+  // Ends the call with an error, without its details. May be called after Start, or meanwhile.
+  void Cancel(const absl::Status& error) {
+    grpc_call_cancel_with_status(call_, static_cast<grpc_status_code>(error.code()),
+                                 std::string(error.message()).c_str(), nullptr);
   }
 
  private:
@@ -97,7 +93,6 @@ class MessageReading {
   }
 
   grpc_call* const call_;
-  const std::string cancelled_;
   std::function<void(grpc_byte_buffer*)> on_received_;
   grpc::ByteBuffer message_;
   grpc::internal::CallOpSet<grpc::internal::CallOpRecvMessage<grpc::ByteBuffer>> operation_;

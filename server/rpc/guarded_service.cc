@@ -140,7 +140,7 @@ class GuardedHandler final : public MethodHandler {
         self->OnReceived(request);
       });
     }
-    void Cancel() override { reading_.Cancel(); }
+    void Cancel() override { reading_.Cancel(CancelledWhileReceived()); }
     void Refuse(const absl::Status& status) override { handler_.Refuse(call_, status); }
 
    private:
@@ -157,7 +157,7 @@ class GuardedHandler final : public MethodHandler {
 
     GuardedHandler& handler_;
     const HandlerParameter call_;
-    MessageReading reading_{call_.call->call(), CancelledWhileReceived()};
+    MessageReading reading_{call_.call->call()};
   };
 
   // Takes `request` over.
