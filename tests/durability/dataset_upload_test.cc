@@ -9,7 +9,7 @@
 #include "model/files/digest.h"
 #include "model/files/durable_file.h"
 #include "tests/durability/publication.h"
-#include "tests/unit/model/data/recordings_for_tests.h"
+#include "tests/unit/model/data/local_dataset.h"
 #include "tests/unit/temporary_folder.h"
 
 namespace maneuver::durability::dataset_upload_test {
@@ -17,25 +17,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// A dataset as a client has it.
-struct LocalDataset {
-  explicit LocalDataset(const fs::path& folder) {
-    auto writer = data::DatasetWriter::Create(folder, "a test", {.shard_bytes = 3'000});
-    for (int i = 0; i < 3; ++i) {
-      EXPECT_TRUE((*writer)->Add(data::SmallRecording("r" + std::to_string(i))).ok());
-    }
-    manifest = *(*writer)->Commit();
-    for (const v1::Shard& shard : manifest.shards()) {
-      bytes += *files::ReadFile(folder / shard.file());
-    }
-  }
-  v1::Dataset manifest;
-  std::string bytes;
-};
-
 // Uploads those of the first `most` bytes that have not arrived. Commits once all bytes have
 // arrived.
-absl::Status Upload(const fs::path& folder, const std::string& id, const LocalDataset& local,
+absl::Status Upload(const fs::path& folder, const std::string& id, const data::LocalDataset& local,
                     size_t most = std::string::npos) {
   auto store = data::DatasetStore::Open(folder);
   if (!store.ok()) return store.status();
@@ -81,7 +65,7 @@ bool IsWholeDataset(const fs::path& folder, const std::string& id) {
 
 TEST(DurabilityTest, AfterAPowerCutAnUploadIsAWholeDatasetOrNothing) {
   const TemporaryFolder parent;
-  const LocalDataset local(parent / "local");
+  const data::LocalDataset local(parent / "local", 3);
   ASSERT_GE(local.manifest.shards_size(), 2);
   const int moments = CheckEveryFault(
       Publication{
@@ -102,7 +86,7 @@ TEST(DurabilityTest, AfterAPowerCutAnUploadIsAWholeDatasetOrNothing) {
 
 TEST(DurabilityTest, AfterAPowerCutAContinuedUploadIsADatasetOrCanContinue) {
   const TemporaryFolder parent;
-  const LocalDataset local(parent / "local");
+  const data::LocalDataset local(parent / "local", 3);
   const auto first_shard = static_cast<size_t>(local.manifest.shards(0).size_bytes());
   const int moments = CheckEveryFault(
       Publication{
@@ -119,7 +103,7 @@ TEST(DurabilityTest, AfterAPowerCutAContinuedUploadIsADatasetOrCanContinue) {
 
 TEST(DurabilityTest, BytesReportedAsArrivedSurviveAPowerCut) {
   const TemporaryFolder parent;
-  const LocalDataset local(parent / "local");
+  const data::LocalDataset local(parent / "local", 3);
   const auto first_shard = static_cast<size_t>(local.manifest.shards(0).size_bytes());
   const int moments = CheckEveryFault(
       Publication{

@@ -23,6 +23,7 @@
 #include "server/store/store_check.h"
 #include "tests/postgresql/lossy_proxy.h"
 #include "tests/postgresql/shared_cluster.h"
+#include "tests/unit/model/data/local_dataset.h"
 #include "tests/unit/model/data/recordings_for_tests.h"
 #include "tests/unit/temporary_folder.h"
 
@@ -32,6 +33,7 @@ namespace {
 namespace fs = std::filesystem;
 using data::DatasetLedger;
 using data::DatasetStore;
+using data::LocalDataset;
 using data::NamesOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
@@ -71,22 +73,6 @@ class InterruptedLedger final : public DatasetLedger {
   }
 
   DatasetLedger& ledger_;
-};
-
-// A dataset as a client has it.
-struct LocalDataset {
-  LocalDataset(const fs::path& folder, int recordings) {
-    auto writer = data::DatasetWriter::Create(folder, "a test", {.shard_bytes = 3'000});
-    for (int i = 0; i < recordings; ++i) {
-      EXPECT_TRUE((*writer)->Add(data::SmallRecording("r" + std::to_string(i))).ok());
-    }
-    manifest = *(*writer)->Commit();
-    for (const v1::Shard& shard : manifest.shards()) {
-      bytes += *files::ReadFile(folder / shard.file());
-    }
-  }
-  v1::Dataset manifest;
-  std::string bytes;
 };
 
 absl::Status Upload(const DatasetStore& store, const std::string& id, const LocalDataset& local,
@@ -307,7 +293,8 @@ TEST_F(SharedDatasetsTest, ADatasetWhoseServerDiedBeforeItWasListedIsAdoptedWhol
   DieWithinACommit([&](DatasetStore& dying) { (void)Upload(dying, "town", *local_); });
   ASSERT_TRUE(fs::exists(a_->FolderOf("town")));
   EXPECT_THAT(Listed(*a_), IsEmpty());
-  EXPECT_TRUE(IsCommitted(*b_)) << "whoever sends it again learns that it is there";
+  EXPECT_TRUE(IsCommitted(*b_))
+      << "a client that repeats the upload must learn that the dataset exists";
   EXPECT_THAT(Listed(*a_), ElementsAre("datasets/town"));
   EXPECT_TRUE(data::VerifyDatasetFolder(a_->FolderOf("town")).ok());
 }

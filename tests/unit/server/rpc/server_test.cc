@@ -22,7 +22,6 @@
 namespace maneuver::rpc::server_test {
 namespace {
 
-namespace fs = std::filesystem;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
@@ -504,18 +503,8 @@ TEST_F(ServerTest, AnswersRefusedEmptyAndMalformedCallsOfEachKind) {
   EXPECT_TRUE(Predict(OneScene(), &response).ok());
 }
 
-// Otherwise a stranger could make the server receive any number of large messages.
-TEST_F(ServerTest, RefusesAStrangerWhoHasNotSentTheRequest) {
-  ASSERT_TRUE(security::AppendLine(folder_ / "tokens", "# nobody\n").ok());
-  const auto nobody =
-      security::AccessControl::Create({.identities = folder_ / "tokens"}, *metrics_);
-  ASSERT_TRUE(nobody.ok()) << nobody.status();
-  const auto closed = Server::Start(
-      {"127.0.0.1", 0}, {{v1::PredictionService::service_full_name(), predictions_.get()}},
-      **nobody, *metrics_);
-  ASSERT_TRUE(closed.ok()) << closed.status();
-  const auto channel =
-      grpc::CreateChannel((*closed)->address().ToString(), grpc::InsecureChannelCredentials());
+// Begins a call and sends nothing of its request. Returns how the server ends it.
+grpc::Status PredictWithoutRequest(const std::shared_ptr<grpc::Channel>& channel) {
   grpc::ClientContext context;
   context.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(60));
   grpc::CompletionQueue queue;
@@ -531,6 +520,22 @@ TEST_F(ServerTest, RefusesAStrangerWhoHasNotSentTheRequest) {
   grpc::Status status;
   call->Finish(&status, nullptr);
   finished();
+  return status;
+}
+
+// Otherwise a stranger could make the server receive any number of large messages.
+TEST_F(ServerTest, RefusesAStrangerWhoHasNotSentTheRequest) {
+  ASSERT_TRUE(security::AppendLine(folder_ / "tokens", "# nobody\n").ok());
+  const auto nobody =
+      security::AccessControl::Create({.identities = folder_ / "tokens"}, *metrics_);
+  ASSERT_TRUE(nobody.ok()) << nobody.status();
+  const auto closed = Server::Start(
+      {"127.0.0.1", 0}, {{v1::PredictionService::service_full_name(), predictions_.get()}},
+      **nobody, *metrics_);
+  ASSERT_TRUE(closed.ok()) << closed.status();
+  const auto channel =
+      grpc::CreateChannel((*closed)->address().ToString(), grpc::InsecureChannelCredentials());
+  const grpc::Status status = PredictWithoutRequest(channel);
   EXPECT_EQ(status.error_code(), grpc::StatusCode::UNAUTHENTICATED) << status.error_message();
 }
 
@@ -552,21 +557,7 @@ TEST_F(ServerTest, ACallThatSendsItsRequestTooSlowlyIsRefusedAndAnotherIsAnswere
   ASSERT_TRUE(server.ok()) << server.status();
   const auto channel =
       grpc::CreateChannel((*server)->address().ToString(), grpc::InsecureChannelCredentials());
-  grpc::ClientContext slow;
-  slow.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(60));
-  grpc::CompletionQueue queue;
-  const auto finished = [&queue] {
-    void* tag = nullptr;
-    bool ok = false;
-    queue.Next(&tag, &ok);
-  };
-  auto call = grpc::GenericStub(channel).PrepareCall(
-      &slow, "/maneuver.v1.PredictionService/Predict", &queue);
-  call->StartCall(nullptr);  // and sends nothing
-  finished();
-  grpc::Status status;
-  call->Finish(&status, nullptr);
-  finished();
+  const grpc::Status status = PredictWithoutRequest(channel);
   EXPECT_EQ(status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED) << status.error_message();
   looking.request_stop();
   looking.join();
