@@ -12,6 +12,7 @@
 #include "model/artifact/model_spec.h"
 #include "model/artifact/tensor.h"
 #include "model/inference/packed_networks.h"
+#include "model/kernels/rescale.h"
 #include "model/probability/responsibilities.h"
 #include "model/probability/sigma_points.h"
 #include "model/scene/motion_reference.h"
@@ -95,20 +96,15 @@ class Session final : public InferenceSession {
                                            std::span<const int> actions,
                                            LatentSource source) override {
     if (actions.empty()) return {};
-    // The sigma points of all actions are decoded in one product.
     const Eigen::Index points = 2 * networks_.mixture.dimensions() + 1;
-    RowMajorXf latents(points * static_cast<Eigen::Index>(actions.size()),
-                       networks_.mixture.dimensions());
     std::vector<ActionDistribution> distributions(actions.size());
     for (size_t i = 0; i < actions.size(); ++i) {
       const DiagonalGaussian latent = Latent(encoding, actions[i], source);
       distributions[i].action = actions[i];
       distributions[i].latent_mean = latent.mean;
       distributions[i].latent_stddev = latent.stddev();
-      latents.middleRows(points * static_cast<Eigen::Index>(i), points) =
-          probability::SigmaPoints(latent.mean, distributions[i].latent_stddev).cast<float>();
     }
-    Decode(latents);
+    DecodeSigmaPoints(distributions);
     FillDecoderCovariances(distributions);
     for (size_t i = 0; i < actions.size(); ++i) {
       FillTrajectories(points * static_cast<Eigen::Index>(i), points,
@@ -281,14 +277,42 @@ class Session final : public InferenceSession {
                             decoded_.data());
   }
 
-  // Rows of decoded_ in metres, relative to the reference. [count, 2T]
-  RowMajorXd DecodedMetres(Eigen::Index first, Eigen::Index count) const {
-    RowMajorXd metres(count, decoded_.cols());
-    for (Eigen::Index r = 0; r < count; ++r) {
-      metres.row(r) = decoded_.row(first + r).cast<double>().cwiseProduct(
-                          networks_.trajectory_stddev.transpose()) +
-                      networks_.trajectory_mean.transpose();
+  // Decodes the sigma points of all distributions' latents, in one product, into decoded_.
+  void DecodeSigmaPoints(std::span<const ActionDistribution> distributions) {
+    const Eigen::Index dimensions = networks_.mixture.dimensions();
+    const auto actions = static_cast<Eigen::Index>(distributions.size());
+    if (networks_.sigma_decoder) {
+      RowMajorXf means(actions, dimensions);
+      RowMajorXf stddevs(actions, dimensions);
+      for (Eigen::Index i = 0; i < actions; ++i) {
+        const ActionDistribution& distribution = distributions[static_cast<size_t>(i)];
+        means.row(i) = distribution.latent_mean.cast<float>();
+        stddevs.row(i) = distribution.latent_stddev.cast<float>();
+      }
+      networks_.sigma_decoder->Decode(networks_.decoder, means, stddevs, &mlp_scratch_,
+                                      &sigma_scratch_, &decoded_);
+      return;
     }
+    const Eigen::Index points = 2 * dimensions + 1;
+    RowMajorXf latents(points * actions, dimensions);
+    for (Eigen::Index i = 0; i < actions; ++i) {
+      const ActionDistribution& distribution = distributions[static_cast<size_t>(i)];
+      latents.middleRows(points * i, points) =
+          probability::SigmaPoints(distribution.latent_mean, distribution.latent_stddev)
+              .cast<float>();
+    }
+    Decode(latents);
+  }
+
+  // Rows of decoded_ in metres, relative to the reference, then moved by `shift` unless it is empty.
+  // [count, 2T]
+  RowMajorXd DecodedMetres(Eigen::Index first, Eigen::Index count,
+                           const Eigen::RowVectorXd& shift = {}) const {
+    RowMajorXd metres(count, decoded_.cols());
+    kernels::Rescale(decoded_.row(first).data(), static_cast<int>(count),
+                     static_cast<int>(decoded_.cols()), networks_.trajectory_stddev.data(),
+                     networks_.trajectory_mean.data(), shift.size() > 0 ? shift.data() : nullptr,
+                     metres.data());
     return metres;
   }
 
@@ -343,8 +367,7 @@ class Session final : public InferenceSession {
   //   shift: as ShiftOf answers it
   void FillTrajectories(Eigen::Index first, Eigen::Index points, const Eigen::RowVectorXd& shift,
                         ActionDistribution* distribution) {
-    RowMajorXd images = DecodedMetres(first, points);
-    if (shift.size() > 0) images.rowwise() += shift;
+    RowMajorXd images = DecodedMetres(first, points, shift);
     const Eigen::Index waypoints = images.cols() / 2;
     distribution->moment_mean.resize(waypoints, 2);
     probability::MomentsOfSigmaPoints(images, &moments_);
@@ -384,6 +407,7 @@ class Session final : public InferenceSession {
   const std::vector<double> waypoint_times_;  // seconds
   Backbone::ScratchPointer scratch_;          // null without a backbone
   MlpScratch mlp_scratch_;
+  SigmaScratch sigma_scratch_;
   SceneVectorFeatures scene_features_;
   ActionFeatures action_features_;
   std::vector<const scene::SceneVectors*> vectors_;

@@ -29,6 +29,7 @@ class Mlp {
 
   int inputs() const { return layers_.front().inputs(); }
   int outputs() const { return layers_.back().outputs(); }
+  const std::vector<DenseLayer>& layers() const { return layers_; }
   size_t bytes() const;
 
   // Applies the layers.

@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "model/artifact/backbone_layers.h"
+#include "model/artifact/model_spec.h"
 #include "model/inference/stored_layers.h"
 
 namespace maneuver::inference {
@@ -73,6 +74,9 @@ PackedNetworks::PackedNetworks(const v1::ModelSpec& spec, const TensorMap& weigh
               Vector(weights.at("mixture.log_weight"))},
       trajectory_mean(Vector(weights.at("trajectory.mean"))),
       trajectory_stddev(Vector(weights.at("trajectory.stddev"))) {
+  if (bf16 && artifact::HasReference(spec) && SigmaDecoder::Supported()) {
+    sigma_decoder.emplace(weights);
+  }
   if (spec.has_raster()) {
     backbone.emplace(spec, weights, bf16);
     projection = MakeProjection(spec, weights, bf16);
@@ -95,6 +99,7 @@ PackedNetworks::PackedNetworks(const v1::ModelSpec& spec, const TensorMap& weigh
 
 size_t PackedNetworks::bytes() const {
   size_t bytes = action_predictor.bytes() + trajectory_encoder.bytes() + decoder.bytes();
+  if (sigma_decoder) bytes += sigma_decoder->bytes();
   if (backbone) bytes += backbone->bytes() + projection->bytes();
   if (scene) bytes += scene->bytes();
   if (actions) bytes += actions->bytes();

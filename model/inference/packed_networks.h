@@ -16,6 +16,7 @@
 #include "model/inference/mlp.h"
 #include "model/inference/scene_covariance.h"
 #include "model/inference/scene_network.h"
+#include "model/inference/sigma_decoder.h"
 #include "model/probability/latent_mixture.h"
 
 namespace maneuver::inference {
@@ -26,7 +27,7 @@ struct PackedNetworks {
   // May throw oneDNN's exceptions, as Backbone does. With bf16, these weights are bf16: those of
   // the convolutions, and those of the wide layers that make and read a scene's features, which are
   // fetched from memory for every few targets. All layers whose output is metres stay in f32,
-  // because means need the precision.
+  // because means need the precision; only the differences of sigma points do not.
   PackedNetworks(const v1::ModelSpec& spec, const artifact::TensorMap& weights, bool bf16);
 
   size_t bytes() const;
@@ -36,9 +37,12 @@ struct PackedNetworks {
   std::optional<DenseLayer> projection;  // last grid as [h, w, C] -> F
   // Only for a model with scene vectors.
   std::optional<SceneNetwork> scene;
-  Mlp action_predictor;                // F' -> K logits of p(y|s)
-  Mlp trajectory_encoder;              // 2T -> 2D: mean and log-variance of q(z|x)
-  Mlp decoder;                         // D -> 2T
+  Mlp action_predictor;    // F' -> K logits of p(y|s)
+  Mlp trajectory_encoder;  // 2T -> 2D: mean and log-variance of q(z|x)
+  Mlp decoder;             // D -> 2T
+  // Only in bf16, and for actions relative to a reference: what models in metres answer keeps the
+  // bits that it had.
+  std::optional<SigmaDecoder> sigma_decoder;
   std::vector<Mlp> scenario_encoders;  // [K] F' -> 2D: a and b of q(z|y,s)
   probability::LatentMixture mixture;  // p(z|y)
   Eigen::VectorXd trajectory_mean;     // [2T] metres
