@@ -54,9 +54,11 @@ void SigmaDecoder::Decode(const Mlp& decoder, const Rows& means, const Rows& std
     }
     const Eigen::Index outputs = layers_[i].outputs();
     scratch->back.resize(size_of(2 * actions * pairs, outputs));
-    for (Eigen::Index n = 0; n < actions; ++n) {
-      layers_[i].Apply(scratch->front.data() + 2 * n * pairs * width, static_cast<int>(2 * pairs),
-                       &scratch->differences, scratch->back.data() + 2 * n * pairs * outputs);
+    // At first q is 0 in most inputs, so it goes apart from h.
+    const Eigen::Index together = i == 0 ? pairs : 2 * pairs;
+    for (Eigen::Index row = 0; row < 2 * actions * pairs; row += together) {
+      layers_[i].Apply(scratch->front.data() + row * width, static_cast<int>(together),
+                       &scratch->differences, scratch->back.data() + row * outputs);
     }
     std::swap(scratch->front, scratch->back);
     centers.resize(size_of(actions, outputs));

@@ -8,8 +8,8 @@
 // A layer y = W x + b maps h to W h and q to W q. A ReLU maps both to 0 where it cuts off all three
 // points, and leaves them where it cuts off none. So q is 0 wherever the network is linear.
 //
-// Differences are small beside the points. Rounded to bf16 they lose two to three decimal places of
-// a difference, where a rounded point would lose as much of a position.
+// bf16 keeps two digits. It rounds a difference of 1 m by millimetres, and would round a point at
+// 50 m by decimetres.
 
 #ifndef MANEUVER_MODEL_KERNELS_DIFFERENCE_LAYER_H_
 #define MANEUVER_MODEL_KERNELS_DIFFERENCE_LAYER_H_
