@@ -138,6 +138,7 @@ class Session final : public InferenceSession {
     }
     const DiagonalGaussian latent = EncodeTrajectory(x);
     std::vector<DiagonalGaussian> posteriors;
+    posteriors.reserve(static_cast<size_t>(networks_.mixture.components()));
     for (int k = 0; k < networks_.mixture.components(); ++k) {
       posteriors.push_back(Posterior(encoding, k));
     }
