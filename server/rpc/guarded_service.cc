@@ -16,6 +16,7 @@
 #include "server/rpc/grpc_internals.h"
 #include "server/rpc/message_gate.h"
 #include "server/rpc/request_outline.h"
+#include "server/rpc/small_messages.h"
 #include "server/rpc/status_details.h"
 
 namespace maneuver::rpc {
@@ -106,7 +107,8 @@ class GuardedHandler final : public MethodHandler {
         worth_(service.worth),
         refusal_(service.refusal),
         room_(MakesRoom(method) ? nullptr : service.room),
-        gate_(MakesRoom(method) ? nullptr : service.gate) {}
+        gate_(MakesRoom(method) ? nullptr : service.gate),
+        small_(service.small) {}
 
   void RunHandler(const HandlerParameter& call) override {
     absl::Status status = access_.Admit(method_, CredentialsOf(*call.server_context));
@@ -136,6 +138,10 @@ class GuardedHandler final : public MethodHandler {
         : handler_(handler), call_(call) {}
 
     void Receive() override {
+      if (SmallMessages* const small = handler_.small_) {
+        number_ = small->Add(call_.server_context->peer(),
+                             [self = shared_from_this()] { self->reading_.Cancel(NotSmall()); });
+      }
       reading_.Start(*call_.call, [self = shared_from_this()](grpc_byte_buffer* request) {
         self->OnReceived(request);
       });
@@ -147,16 +153,21 @@ class GuardedHandler final : public MethodHandler {
     // No request: the caller sent none, or has gone. The parser then says so.
     void OnReceived(grpc_byte_buffer* request) {
       MessageGate* const gate = handler_.gate_;
-      if (gate == nullptr || gate->Leave(*this)) {
+      SmallMessages* const small = handler_.small_;
+      absl::Status status;
+      if (gate != nullptr && !gate->Leave(*this)) status = CancelledWhileReceived();
+      if (small != nullptr && !small->Remove(number_)) status = NotSmall();
+      if (status.ok()) {
         handler_.OnReceived(call_, request);
         return;
       }
       if (request != nullptr) grpc_byte_buffer_destroy(request);
-      Refuse(CancelledWhileReceived());
+      Refuse(status);
     }
 
     GuardedHandler& handler_;
     const HandlerParameter call_;
+    int64_t number_ = 0;  // among small messages
     MessageReading reading_{call_.call->call()};
   };
 
@@ -171,6 +182,7 @@ class GuardedHandler final : public MethodHandler {
       status = room.status();
       if (room.ok()) kept = *std::move(room);
     }
+    if (status.ok() && small_ != nullptr && bytes > SmallMessages::kMostBytes) status = NotSmall();
     if (status.ok() && type_ == RpcMethod::SERVER_STREAMING) status = CheckSize(bytes);
     if (status.ok() && bytes >= kLeastCheckedDensity) {
       status = CheckDensity(request_, Shared(request));
@@ -214,6 +226,7 @@ class GuardedHandler final : public MethodHandler {
   const absl::Status refusal_;
   const decltype(NamedService::room) room_;
   MessageGate* const gate_;
+  SmallMessages* const small_;
 };
 
 // A service's handlers, which it shows to those who derive from it.

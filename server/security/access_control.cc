@@ -230,7 +230,8 @@ absl::Status AccessControl::Decide(std::string_view method, const Credentials& c
 absl::Status AccessControl::Admit(std::string_view method, const Credentials& credentials) {
   Caller caller;
   absl::Status status = Decide(method, credentials, caller);
-  if (status.ok()) {
+  // A balancer asks for the health of every server, from the address of many callers.
+  if (status.ok() && RequiredRole(method) != Role::kAnyone) {
     if (const auto delay = calls_.Take(caller.client, 1.0)) status = TooFast("calls", *delay);
   }
   return status.ok() ? status : Refuse(std::move(status), method, caller);

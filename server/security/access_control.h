@@ -57,7 +57,7 @@ class AccessControl {
   //   UNAUTHENTICATED    CREDENTIALS_MISSING, TOKEN_UNKNOWN (also for an expired token; only the
   //                      log distinguishes the two)
   //   PERMISSION_DENIED  CERTIFICATE_NOT_LISTED, ROLE_MISSING, METHOD_NOT_DECLARED (roles.h)
-  //   RESOURCE_EXHAUSTED RATE_LIMITED, with the delay
+  //   RESOURCE_EXHAUSTED RATE_LIMITED, with the delay; not for methods that anyone may call
   //   method: "/maneuver.v1.PredictionService/Predict", for example.
   absl::Status Admit(std::string_view method, const Credentials& credentials);
 

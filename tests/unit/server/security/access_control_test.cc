@@ -96,6 +96,10 @@ TEST_F(AccessControlTest, LimitsRatesByIdentityOrElseByAddress) {
   EXPECT_TRUE(open->Admit(kPredict, {.peer = "ipv4:10.0.0.1"}).ok());
   EXPECT_FALSE(open->Admit(kPredict, {.peer = "ipv4:10.0.0.1"}).ok());
   EXPECT_TRUE(open->Admit(kPredict, {.peer = "ipv4:10.0.0.2"}).ok());
+  // A balancer has one address, and asks often.
+  for (int i = 0; i < 10; ++i) {
+    EXPECT_TRUE(open->Admit(kHealth, {.peer = "ipv4:10.0.0.1"}).ok());
+  }
 }
 
 TEST_F(AccessControlTest, RefusedCallsDoNotUseUpTheRateOfOthers) {
