@@ -18,6 +18,7 @@
 #include "server/rpc/request_outline.h"
 #include "server/rpc/small_messages.h"
 #include "server/rpc/status_details.h"
+#include "server/security/identities.h"
 
 namespace maneuver::rpc {
 namespace {
@@ -295,11 +296,18 @@ security::Credentials CredentialsOf(const grpc::ServerContextBase& rpc) {
   }
   const auto connection = rpc.auth_context();
   if (connection != nullptr) {
+    using security::NameKind;
     // Not GRPC_X509_SAN_PROPERTY_NAME: it has e-mail names as well, which anyone may be given.
-    for (const char* const kind :
-         {GRPC_PEER_DNS_PROPERTY_NAME, GRPC_PEER_URI_PROPERTY_NAME, GRPC_PEER_IP_PROPERTY_NAME}) {
-      for (const auto& name : connection->FindPropertyValues(kind)) {
-        credentials.alternative_names.push_back(ToString(name));
+    constexpr std::pair<const char*, NameKind> kKinds[] = {
+        {GRPC_PEER_DNS_PROPERTY_NAME, NameKind::kDns},
+        {GRPC_PEER_URI_PROPERTY_NAME, NameKind::kUri},
+        {GRPC_PEER_IP_PROPERTY_NAME, NameKind::kAddress}};
+    for (const auto& [property, kind] : kKinds) {
+      for (const auto& value : connection->FindPropertyValues(property)) {
+        std::string name = ToString(value);
+        if (security::KindOf(name) == kind) {
+          credentials.alternative_names.push_back(std::move(name));
+        }
       }
     }
     const auto common = connection->FindPropertyValues(GRPC_X509_CN_PROPERTY_NAME);
