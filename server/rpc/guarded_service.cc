@@ -8,6 +8,7 @@
 #include <grpcpp/support/byte_buffer.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cstdint>
 #include <utility>
 
@@ -58,13 +59,6 @@ std::unique_ptr<MethodHandler> RefusingHandler(RpcMethod::RpcType type,
   return std::make_unique<BidiHandler<ByteBuffer, ByteBuffer>>([status](Context*) {
     return new Refusal<grpc::ServerBidiReactor<ByteBuffer, ByteBuffer>>(status);
   });
-}
-
-absl::Status CancelledWhileReceived() {
-  return errors::WithReason(
-      absl::ResourceExhaustedError("the server's memory was nearly full while the request arrived; "
-                                   "try again a little later"),
-      "MEMORY_FULL");
 }
 
 // The same bytes. Empty if there are none, or if they are not as they were sent.
@@ -124,7 +118,8 @@ class GuardedHandler final : public MethodHandler {
       if (gate_ == nullptr) {
         received->Receive();
       } else {
-        gate_->Enter(std::move(received), std::chrono::steady_clock::now());
+        gate_->Enter(std::move(received), call.server_context->peer(),
+                     std::chrono::steady_clock::now());
       }
     }
   }
@@ -147,28 +142,43 @@ class GuardedHandler final : public MethodHandler {
         self->OnReceived(request);
       });
     }
-    void Cancel() override { reading_.Cancel(CancelledWhileReceived()); }
     void Refuse(const absl::Status& status) override { handler_.Refuse(call_, status); }
+    void Stop(const absl::Status& status) override {
+      handler_.Refuse(HandlerParameter(call_.call, call_.server_context, nullptr, grpc::Status::OK,
+                                       nullptr, [self = shared_from_this()] { self->EndHalf(); }),
+                      status);
+    }
+    void Cancel() override { reading_.Cancel(absl::ResourceExhaustedError("stopped")); }
 
    private:
     // No request: the caller sent none, or has gone. The parser then says so.
     void OnReceived(grpc_byte_buffer* request) {
       MessageGate* const gate = handler_.gate_;
       SmallMessages* const small = handler_.small_;
-      absl::Status status;
-      if (gate != nullptr && !gate->Leave(*this)) status = CancelledWhileReceived();
-      if (small != nullptr && !small->Remove(number_)) status = NotSmall();
-      if (status.ok()) {
+      const bool is_stopped = gate != nullptr && !gate->Leave(*this);
+      const bool is_small = small == nullptr || small->Remove(number_);
+      if (!is_stopped && is_small) {
         handler_.OnReceived(call_, request);
         return;
       }
       if (request != nullptr) grpc_byte_buffer_destroy(request);
-      Refuse(status);
+      if (is_stopped) {
+        EndHalf();
+      } else {
+        Refuse(NotSmall());
+      }
+    }
+
+    // Of a stopped call, two things end in any order: its refusal, and the reading of its request,
+    // which needs the call's context.
+    void EndHalf() {
+      if (half_ended_.exchange(true)) call_.call_requester();
     }
 
     GuardedHandler& handler_;
     const HandlerParameter call_;
     int64_t number_ = 0;  // among small messages
+    std::atomic<bool> half_ended_ = false;
     MessageReading reading_{call_.call->call()};
   };
 

@@ -123,10 +123,10 @@ ReceivedBytes::Totals ReceivedBytes::ReadRecent() const {
   return recent;
 }
 
-int64_t ReceivedBytes::Recent() const {
-  int64_t sum = 0;
-  for (const auto& [descriptor, bytes] : ReadRecent()) sum += bytes;
-  return sum;
+std::map<std::string, int64_t> ReceivedBytes::Recent() const {
+  std::map<std::string, int64_t> recent;
+  for (const auto& [descriptor, bytes] : ReadRecent()) recent[PeerOfConnection(descriptor)] = bytes;
+  return recent;
 }
 
 int ReceivedBytes::CutOffLargest(int64_t left) const {

@@ -40,8 +40,9 @@ class ReceivedBytes {
 
   // Notes, once a second, what each connection has received until now. Call it at least as often.
   void Note(std::chrono::steady_clock::time_point now);
-  // Returns the bytes of all connections since the note of one to two seconds ago.
-  int64_t Recent() const;
+  // Returns the bytes since the note of one to two seconds ago, by the connection's caller as gRPC
+  // names it.
+  std::map<std::string, int64_t> Recent() const;
   // Shuts down the connections that have received the most since the note of one to two seconds
   // ago, until the others have received at most `left` bytes together. Returns how many it shut
   // down, without those that were shut down before.

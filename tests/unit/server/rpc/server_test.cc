@@ -14,6 +14,7 @@
 #include "grpc/reflection/v1/reflection.grpc.pb.h"
 #include "server/errors/error_details.h"
 #include "server/rpc/message_gate.h"
+#include "server/rpc/open_connections.h"
 #include "server/rpc/predict_stream.h"
 #include "server/security/identities.h"
 #include "server/security/secret_file.h"
@@ -616,26 +617,32 @@ TEST_F(ServerTest, AWatchOfTheHealthIsToldEachChange) {
   EXPECT_FALSE(unknown->Finish().ok());
 }
 
-// One caller sends nothing of its request, and the gate allows none of them.
+// One caller sends nothing of its request, by a connection with large ones, and the gate allows none.
 TEST_F(ServerTest, ACallThatSendsItsRequestTooSlowlyIsRefusedAndAnotherIsAnswered) {
   Publish();
   MessageGate gate(1);
-  std::jthread looking([&gate](const std::stop_token& stop) {
-    while (!stop.stop_requested()) {
-      gate.Look(std::chrono::steady_clock::now(), /*allowed=*/0);
-      std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    }
-  });
   const auto server = Server::Start({"127.0.0.1", 0},
                                     {{.name = v1::PredictionService::service_full_name(),
                                       .service = predictions_.get(),
                                       .gate = &gate}},
                                     *access_, *metrics_);
   ASSERT_TRUE(server.ok()) << server.status();
+  std::jthread looking([&gate, port = (*server)->address().port](const std::stop_token& stop) {
+    while (!stop.stop_requested()) {
+      auto large = ReceivedBytes(port).Recent();
+      for (auto& [peer, bytes] : large) bytes += int64_t{1} << 30;
+      gate.Weigh(large);
+      gate.Look(std::chrono::steady_clock::now(), /*allowed=*/0);
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
+  });
   const auto channel =
       grpc::CreateChannel((*server)->address().ToString(), grpc::InsecureChannelCredentials());
-  const grpc::Status status = PredictWithoutRequest(channel);
-  EXPECT_EQ(status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED) << status.error_message();
+  for (int i = 0; i < 20; ++i) {
+    const grpc::Status status = PredictWithoutRequest(channel);
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED) << status.error_message();
+    EXPECT_EQ(Reason(status), "MEMORY_FULL");
+  }
   looking.request_stop();
   looking.join();
   gate.Look(std::chrono::steady_clock::now(), /*allowed=*/1);
