@@ -84,7 +84,7 @@ inline constexpr ReasonEntry kReasons[] = {
      "the server is being shut down, and accepts no more requests of this stream",
      "open another stream, at another replica or a little later"},
     {"REQUEST_TOO_LARGE", "RESOURCE_EXHAUSTED",
-     "one request has more bytes than fit into the queue",
+     "one request has more bytes than fit into the queue, or than one of its method may have",
      "split it; the message says into how much"},
     {"RESPONSE_TOO_LARGE", "RESOURCE_EXHAUSTED",
      "the answer could be larger than the limit of one answer (--max-response-bytes)",

@@ -21,6 +21,8 @@ namespace maneuver::jobs {
 struct JobPage {
   std::vector<v1::Job> jobs;
   std::string next_page_token;  // empty on the last page
+  // DATA_LOSS of each job that is left out because its row is damaged; the message names it.
+  std::vector<absl::Status> damaged = {};
 };
 
 // A job, found by the request_id of the request that created it.
@@ -83,7 +85,7 @@ class JobStore {
   // Returns the job that a request created, if there is one.
   virtual absl::StatusOr<std::optional<RequestedJob>> FindRequest(
       const std::string& request_id) = 0;
-  // Returns a page of jobs, newest first. INVALID_ARGUMENT for a token that List did not return.
+  // Returns a page of jobs, newest first, without those that are damaged. INVALID_ARGUMENT for a token that List did not return.
   //   page_size: 1 or more
   virtual absl::StatusOr<JobPage> List(int page_size, const std::string& page_token) = 0;
   // Returns the jobs in a state, at most `limit`, in the order in which pending jobs start: the

@@ -298,6 +298,10 @@ absl::StatusOr<v1::Job> Supervisor::Get(const std::string& name) {
 absl::StatusOr<JobPage> Supervisor::List(int page_size, const std::string& page_token) {
   auto page = store_.List(page_size, page_token);
   if (!page.ok()) return page;
+  for (const absl::Status& damage : page->damaged) {
+    Log(LogLevel::kError, "a job that is damaged is left out of the list",
+        {{"reason", std::string(damage.message())}});
+  }
   std::vector<v1::Job*> jobs;
   for (v1::Job& job : page->jobs) jobs.push_back(&job);
   ExplainWaiting(jobs);

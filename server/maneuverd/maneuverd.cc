@@ -12,6 +12,7 @@
 #include <limits>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <numeric>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -85,6 +86,8 @@ constexpr size_t kMaxWaitingToSend = 128;  // some 20 kB each
 // Parts of the memory's limit.
 constexpr double kFilled = 0.6;
 constexpr double kUrgent = 0.9;
+// A smaller limit has no room for what large senders bring before they are known as such.
+constexpr int64_t kLeastToWeigh = int64_t{256} << 20;
 // Outcomes can wait: scoring takes at most one core from predictions.
 constexpr int kScoringThreads = 1;
 constexpr size_t kMaxWaitingForScores = 64;
@@ -225,14 +228,20 @@ void BoundReceiving(int port, const ServerOptions& options, rpc::MessageGate& ga
   const int64_t least = serving::ShareOf(options.memory_limit, 8, options.limits.max_receive_bytes);
   memory.RelieveBy(
       [received = rpc::ReceivedBytes(port), &gate, least,
+       weighs = options.memory_limit >= kLeastToWeigh,
        limit = static_cast<double>(options.memory_limit),
        largest = static_cast<double>(options.limits.max_message_bytes)](double part) mutable {
         const auto now = std::chrono::steady_clock::now();
         received.Note(now);
         const double free = (kFilled - part) * limit;
         auto allowed = static_cast<size_t>(std::max(free, static_cast<double>(least)) / largest);
-        if (gate.CountSlow(now) > allowed && 2.0 * static_cast<double>(received.Recent()) < free) {
-          allowed = std::numeric_limits<size_t>::max();
+        if (gate.HasSlow(now)) {
+          const auto recent = received.Recent();
+          if (weighs) gate.Weigh(recent);
+          const auto bytes = std::accumulate(
+              recent.begin(), recent.end(), 0.0,
+              [](double sum, const auto& each) { return sum + static_cast<double>(each.second); });
+          if (2.0 * bytes < free) allowed = std::numeric_limits<size_t>::max();
         }
         gate.Look(now, allowed);
         return part > kUrgent ? received.CutOffLargest(least) : 0;

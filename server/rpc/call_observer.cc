@@ -20,8 +20,6 @@ using grpc::experimental::InterceptionHookPoints;
 using grpc::experimental::InterceptorBatchMethods;
 using grpc::experimental::ServerRpcInfo;
 
-constexpr std::string_view kWatchHealth = "Health/Watch";
-
 absl::Status Malformed() {
   return errors::WithReason(
       absl::InvalidArgumentError("the request's bytes do not parse as the message of this method, "
@@ -69,9 +67,8 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
   }
 
   // So gRPC itself ends a call of a method that there is, and nobody else does.
-  bool DidNotParse(const grpc::Status& status) const {
-    return metrics_.of_contract() && status.error_code() == grpc::StatusCode::UNIMPLEMENTED &&
-           status.error_message().empty();
+  static bool DidNotParse(const grpc::Status& status) {
+    return status.error_code() == grpc::StatusCode::UNIMPLEMENTED && status.error_message().empty();
   }
 
   void CountBytes(InterceptorBatchMethods& batch) {
@@ -104,10 +101,6 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
 
   void End(grpc::StatusCode code) {
     if (ended_.exchange(true)) return;
-    // So gRPC ends its own Watch when the watcher goes; it is nobody's fault.
-    if (code == grpc::StatusCode::UNKNOWN && metrics_.name() == kWatchHealth) {
-      code = grpc::StatusCode::CANCELLED;
-    }
     const auto time = Clock::now() - start_.load();
     metrics_.End(code, time);
     log_.Write({.method = metrics_.name(),

@@ -10,6 +10,7 @@
 #include <grpcpp/impl/call_op_set.h>
 #include <grpcpp/impl/codegen/server_callback_handlers.h>
 #include <grpcpp/impl/rpc_service_method.h>
+#include <grpcpp/server_context.h>
 #include <grpcpp/support/byte_buffer.h>
 #include <grpcpp/support/callback_common.h>
 #include <grpcpp/version_info.h>
@@ -51,13 +52,31 @@ class InlineReactor : public Reactor {
   bool InternalInlineable() final { return true; }
 };
 
+// A call that can be cancelled even after its end.
+class CallHandle {
+ public:
+  explicit CallHandle(grpc_call* call) : call_(call) { grpc_call_ref(call_); }
+  explicit CallHandle(grpc::ServerContextBase& rpc) : CallHandle(rpc.c_call()) {}
+  ~CallHandle() { grpc_call_unref(call_); }
+  CallHandle(const CallHandle&) = delete;
+  CallHandle& operator=(const CallHandle&) = delete;
+
+  // Ends the call with an error, without its details. Safe from any thread.
+  void Cancel(const absl::Status& error) {
+    grpc_call_cancel_with_status(call_, static_cast<grpc_status_code>(error.code()),
+                                 std::string(error.message()).c_str(), nullptr);
+  }
+
+  grpc_call* get() const { return call_; }
+
+ private:
+  grpc_call* const call_;
+};
+
 // Receives one message of a call that was handed over without any.
 class MessageReading {
  public:
-  explicit MessageReading(grpc_call* call) : call_(call) { grpc_call_ref(call_); }
-  ~MessageReading() { grpc_call_unref(call_); }
-  MessageReading(const MessageReading&) = delete;
-  MessageReading& operator=(const MessageReading&) = delete;
+  explicit MessageReading(grpc_call* call) : call_(call) {}
 
   // Calls `on_received` once, from any thread and after this returns or meanwhile, with the message,
   // which it takes over, or with nullptr if there is none. What `on_received` holds is let go of
@@ -65,7 +84,7 @@ class MessageReading {
   void Start(grpc::internal::Call& call, std::function<void(grpc_byte_buffer*)> on_received) {
     on_received_ = std::move(on_received);
     tag_.Set(
-        call_,
+        call_.get(),
         [this](bool) {
           const auto done = std::move(on_received_);  // which may hold this object
           done(Take());
@@ -77,10 +96,7 @@ class MessageReading {
   }
 
   // Ends the call with an error, without its details. May be called after Start, or meanwhile.
-  void Cancel(const absl::Status& error) {
-    grpc_call_cancel_with_status(call_, static_cast<grpc_status_code>(error.code()),
-                                 std::string(error.message()).c_str(), nullptr);
-  }
+  void Cancel(const absl::Status& error) { call_.Cancel(error); }
 
  private:
   grpc_byte_buffer* Take() {
@@ -92,7 +108,7 @@ class MessageReading {
     return bytes;
   }
 
-  grpc_call* const call_;
+  CallHandle call_;
   std::function<void(grpc_byte_buffer*)> on_received_;
   grpc::ByteBuffer message_;
   grpc::internal::CallOpSet<grpc::internal::CallOpRecvMessage<grpc::ByteBuffer>> operation_;

@@ -8,6 +8,7 @@
 #include <grpcpp/support/byte_buffer.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cstdint>
 #include <utility>
 
@@ -16,7 +17,9 @@
 #include "server/rpc/grpc_internals.h"
 #include "server/rpc/message_gate.h"
 #include "server/rpc/request_outline.h"
+#include "server/rpc/small_messages.h"
 #include "server/rpc/status_details.h"
+#include "server/security/identities.h"
 
 namespace maneuver::rpc {
 namespace {
@@ -56,13 +59,6 @@ std::unique_ptr<MethodHandler> RefusingHandler(RpcMethod::RpcType type,
   return std::make_unique<BidiHandler<ByteBuffer, ByteBuffer>>([status](Context*) {
     return new Refusal<grpc::ServerBidiReactor<ByteBuffer, ByteBuffer>>(status);
   });
-}
-
-absl::Status CancelledWhileReceived() {
-  return errors::WithReason(
-      absl::ResourceExhaustedError("the server's memory was nearly full while the request arrived; "
-                                   "try again a little later"),
-      "MEMORY_FULL");
 }
 
 // The same bytes. Empty if there are none, or if they are not as they were sent.
@@ -106,7 +102,8 @@ class GuardedHandler final : public MethodHandler {
         worth_(service.worth),
         refusal_(service.refusal),
         room_(MakesRoom(method) ? nullptr : service.room),
-        gate_(MakesRoom(method) ? nullptr : service.gate) {}
+        gate_(MakesRoom(method) ? nullptr : service.gate),
+        small_(service.small) {}
 
   void RunHandler(const HandlerParameter& call) override {
     absl::Status status = access_.Admit(method_, CredentialsOf(*call.server_context));
@@ -121,7 +118,8 @@ class GuardedHandler final : public MethodHandler {
       if (gate_ == nullptr) {
         received->Receive();
       } else {
-        gate_->Enter(std::move(received), std::chrono::steady_clock::now());
+        gate_->Enter(std::move(received), call.server_context->peer(),
+                     std::chrono::steady_clock::now());
       }
     }
   }
@@ -136,27 +134,51 @@ class GuardedHandler final : public MethodHandler {
         : handler_(handler), call_(call) {}
 
     void Receive() override {
+      if (SmallMessages* const small = handler_.small_) {
+        number_ = small->Add(call_.server_context->peer(),
+                             [self = shared_from_this()] { self->reading_.Cancel(NotSmall()); });
+      }
       reading_.Start(*call_.call, [self = shared_from_this()](grpc_byte_buffer* request) {
         self->OnReceived(request);
       });
     }
-    void Cancel() override { reading_.Cancel(CancelledWhileReceived()); }
     void Refuse(const absl::Status& status) override { handler_.Refuse(call_, status); }
+    void Stop(const absl::Status& status) override {
+      handler_.Refuse(HandlerParameter(call_.call, call_.server_context, nullptr, grpc::Status::OK,
+                                       nullptr, [self = shared_from_this()] { self->EndHalf(); }),
+                      status);
+    }
+    void Cancel() override { reading_.Cancel(absl::ResourceExhaustedError("stopped")); }
 
    private:
     // No request: the caller sent none, or has gone. The parser then says so.
     void OnReceived(grpc_byte_buffer* request) {
       MessageGate* const gate = handler_.gate_;
-      if (gate == nullptr || gate->Leave(*this)) {
+      SmallMessages* const small = handler_.small_;
+      const bool is_stopped = gate != nullptr && !gate->Leave(*this);
+      const bool is_small = small == nullptr || small->Remove(number_);
+      if (!is_stopped && is_small) {
         handler_.OnReceived(call_, request);
         return;
       }
       if (request != nullptr) grpc_byte_buffer_destroy(request);
-      Refuse(CancelledWhileReceived());
+      if (is_stopped) {
+        EndHalf();
+      } else {
+        Refuse(NotSmall());
+      }
+    }
+
+    // Of a stopped call, two things end in any order: its refusal, and the reading of its request,
+    // which needs the call's context.
+    void EndHalf() {
+      if (half_ended_.exchange(true)) call_.call_requester();
     }
 
     GuardedHandler& handler_;
     const HandlerParameter call_;
+    int64_t number_ = 0;  // among small messages
+    std::atomic<bool> half_ended_ = false;
     MessageReading reading_{call_.call->call()};
   };
 
@@ -171,6 +193,7 @@ class GuardedHandler final : public MethodHandler {
       status = room.status();
       if (room.ok()) kept = *std::move(room);
     }
+    if (status.ok() && small_ != nullptr && bytes > SmallMessages::kMostBytes) status = NotSmall();
     if (status.ok() && type_ == RpcMethod::SERVER_STREAMING) status = CheckSize(bytes);
     if (status.ok() && bytes >= kLeastCheckedDensity) {
       status = CheckDensity(request_, Shared(request));
@@ -214,6 +237,7 @@ class GuardedHandler final : public MethodHandler {
   const absl::Status refusal_;
   const decltype(NamedService::room) room_;
   MessageGate* const gate_;
+  SmallMessages* const small_;
 };
 
 // A service's handlers, which it shows to those who derive from it.
@@ -282,11 +306,18 @@ security::Credentials CredentialsOf(const grpc::ServerContextBase& rpc) {
   }
   const auto connection = rpc.auth_context();
   if (connection != nullptr) {
+    using security::NameKind;
     // Not GRPC_X509_SAN_PROPERTY_NAME: it has e-mail names as well, which anyone may be given.
-    for (const char* const kind :
-         {GRPC_PEER_DNS_PROPERTY_NAME, GRPC_PEER_URI_PROPERTY_NAME, GRPC_PEER_IP_PROPERTY_NAME}) {
-      for (const auto& name : connection->FindPropertyValues(kind)) {
-        credentials.alternative_names.push_back(ToString(name));
+    constexpr std::pair<const char*, NameKind> kKinds[] = {
+        {GRPC_PEER_DNS_PROPERTY_NAME, NameKind::kDns},
+        {GRPC_PEER_URI_PROPERTY_NAME, NameKind::kUri},
+        {GRPC_PEER_IP_PROPERTY_NAME, NameKind::kAddress}};
+    for (const auto& [property, kind] : kKinds) {
+      for (const auto& value : connection->FindPropertyValues(property)) {
+        std::string name = ToString(value);
+        if (security::KindOf(name) == kind) {
+          credentials.alternative_names.push_back(std::move(name));
+        }
       }
     }
     const auto common = connection->FindPropertyValues(GRPC_X509_CN_PROPERTY_NAME);

@@ -20,6 +20,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "server/rpc/message_gate.h"
+#include "server/rpc/small_messages.h"
 #include "server/security/access_control.h"
 
 namespace maneuver::rpc {
@@ -48,6 +49,9 @@ struct NamedService {
   // Bounds how many large requests are received at once, but for calls that stop or remove something.
   // It must outlive the server. Null: any number.
   MessageGate* gate = nullptr;
+  // For methods that anybody may call: bounds what their requests bring. It must outlive the server.
+  // Null: requests have any size up to gRPC's limit.
+  SmallMessages* small = nullptr;
 };
 
 // Register it instead of the service that it guards. The generated code has no place for such a

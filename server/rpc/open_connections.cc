@@ -1,5 +1,6 @@
 #include "server/rpc/open_connections.h"
 
+#include <arpa/inet.h>
 #include <linux/tcp.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
@@ -12,6 +13,7 @@
 #include <vector>
 
 #include "absl/strings/numbers.h"
+#include "absl/strings/str_cat.h"
 
 namespace maneuver::rpc {
 namespace {
@@ -33,6 +35,28 @@ int PortOfConnection(int descriptor) {
     return ntohs(reinterpret_cast<const sockaddr_in6&>(local).sin6_port);
   }
   return 0;
+}
+
+// The caller of a connected TCP socket, as gRPC names it; empty of anything else.
+std::string PeerOfConnection(int descriptor) {
+  sockaddr_storage peer{};
+  socklen_t size = sizeof peer;
+  if (getpeername(descriptor, reinterpret_cast<sockaddr*>(&peer), &size) != 0) return "";
+  char text[INET6_ADDRSTRLEN];
+  if (peer.ss_family == AF_INET) {
+    const auto& address = reinterpret_cast<const sockaddr_in&>(peer);
+    inet_ntop(AF_INET, &address.sin_addr, text, sizeof text);
+    return absl::StrCat("ipv4:", text, ":", ntohs(address.sin_port));
+  }
+  if (peer.ss_family != AF_INET6) return "";
+  const auto& address = reinterpret_cast<const sockaddr_in6&>(peer);
+  const int port = ntohs(address.sin6_port);
+  if (IN6_IS_ADDR_V4MAPPED(&address.sin6_addr)) {
+    inet_ntop(AF_INET, address.sin6_addr.s6_addr + 12, text, sizeof text);
+    return absl::StrCat("ipv4:", text, ":", port);
+  }
+  inet_ntop(AF_INET6, &address.sin6_addr, text, sizeof text);
+  return absl::StrCat("ipv6:%5B", text, "%5D:", port);
 }
 
 // Calls `call` with the descriptor of each TCP connection that was accepted on `port`.
@@ -61,6 +85,19 @@ void CutOffConnections(int port) {
   ForEachConnection(port, [](int descriptor) { shutdown(descriptor, SHUT_RDWR); });
 }
 
+int64_t ReceivedByPeer::Bytes(const std::string& peer) {
+  auto known = descriptors_.find(peer);
+  // A descriptor may be that of another connection by now.
+  if (known == descriptors_.end() || PeerOfConnection(known->second) != peer) {
+    descriptors_.clear();
+    ForEachConnection(
+        port_, [this](int descriptor) { descriptors_[PeerOfConnection(descriptor)] = descriptor; });
+    known = descriptors_.find(peer);
+    if (known == descriptors_.end()) return 0;
+  }
+  return static_cast<int64_t>(InfoOf(known->second).tcpi_bytes_received);
+}
+
 ReceivedBytes::Totals ReceivedBytes::Read() const {
   Totals totals;
   ForEachConnection(port_, [&totals](int descriptor) {
@@ -86,10 +123,10 @@ ReceivedBytes::Totals ReceivedBytes::ReadRecent() const {
   return recent;
 }
 
-int64_t ReceivedBytes::Recent() const {
-  int64_t sum = 0;
-  for (const auto& [descriptor, bytes] : ReadRecent()) sum += bytes;
-  return sum;
+std::map<std::string, int64_t> ReceivedBytes::Recent() const {
+  std::map<std::string, int64_t> recent;
+  for (const auto& [descriptor, bytes] : ReadRecent()) recent[PeerOfConnection(descriptor)] = bytes;
+  return recent;
 }
 
 int ReceivedBytes::CutOffLargest(int64_t left) const {

@@ -7,12 +7,28 @@
 #include <chrono>
 #include <cstdint>
 #include <map>
+#include <string>
 
 namespace maneuver::rpc {
 
 // Shuts down, in both directions, every TCP connection that was accepted on `port`. Both ends then
 // see a broken connection.
 void CutOffConnections(int port);
+
+// Tells how much a connection of a port has received, by its caller. Not thread-safe.
+class ReceivedByPeer {
+ public:
+  //   port: on which the connections were accepted
+  explicit ReceivedByPeer(int port) : port_(port) {}
+
+  // Returns the bytes since the connection began; 0 if there is none.
+  //   peer: as gRPC names it: "ipv4:127.0.0.1:4567", "ipv6:%5B::1%5D:4567"
+  int64_t Bytes(const std::string& peer);
+
+ private:
+  const int port_;
+  std::map<std::string, int> descriptors_;  // by peer, as they were lately
+};
 
 // Knows how much each connection of a port sent in the last one to two seconds. A message that gRPC
 // has received in part, or has not handed over yet, cannot be refused: only its connection can be
@@ -24,8 +40,9 @@ class ReceivedBytes {
 
   // Notes, once a second, what each connection has received until now. Call it at least as often.
   void Note(std::chrono::steady_clock::time_point now);
-  // Returns the bytes of all connections since the note of one to two seconds ago.
-  int64_t Recent() const;
+  // Returns the bytes since the note of one to two seconds ago, by the connection's caller as gRPC
+  // names it.
+  std::map<std::string, int64_t> Recent() const;
   // Shuts down the connections that have received the most since the note of one to two seconds
   // ago, until the others have received at most `left` bytes together. Returns how many it shut
   // down, without those that were shut down before.

@@ -4,11 +4,14 @@
 #include <google/protobuf/descriptor.pb.h>
 
 #include <cstddef>
+#include <cstdint>
+#include <memory>
 #include <set>
 #include <utility>
 
 #include "grpc/reflection/v1alpha/reflection.pb.h"
 #include "server/rpc/grpc_internals.h"
+#include "server/rpc/status_details.h"
 
 namespace maneuver::rpc {
 namespace {
@@ -82,17 +85,22 @@ class ReflectionCall final
     : public grpc::ServerBidiReactor<ServerReflectionRequest, ServerReflectionResponse> {
  public:
   //   open: is 1 higher until the call ends
-  ReflectionCall(const std::vector<std::string>& services, std::atomic<int>& open)
-      : services_(services), open_(open) {
+  ReflectionCall(const std::vector<std::string>& services, SmallMessages& small,
+                 std::atomic<int>& open, grpc::CallbackServerContext* rpc)
+      : services_(services), small_(small), open_(open), rpc_(*rpc) {
     if (++open_ > kMostCalls) {
       Finish({grpc::StatusCode::RESOURCE_EXHAUSTED,
               "too many reflection calls are open; try again a little later"});
       return;
     }
-    StartRead(&request_);
+    ReadNext();
   }
 
   void OnReadDone(bool ok) override {
+    if (!small_.Remove(number_)) {
+      Finish(ToGrpcStatus(NotSmall()));
+      return;
+    }
     if (!ok) {
       Finish(grpc::Status::OK);
       return;
@@ -106,7 +114,7 @@ class ReflectionCall final
   }
   void OnWriteDone(bool ok) override {
     if (ok) {
-      StartRead(&request_);
+      ReadNext();
     } else {
       Finish(grpc::Status::CANCELLED);
     }
@@ -117,8 +125,17 @@ class ReflectionCall final
   }
 
  private:
+  void ReadNext() {
+    number_ = small_.Add(rpc_.peer(),
+                         [call = std::make_shared<CallHandle>(rpc_)] { call->Cancel(NotSmall()); });
+    StartRead(&request_);
+  }
+
   const std::vector<std::string>& services_;
+  SmallMessages& small_;
   std::atomic<int>& open_;
+  grpc::CallbackServerContext& rpc_;
+  int64_t number_ = 0;  // of the request that is read
   ServerReflectionRequest request_;
   ServerReflectionResponse response_;
 };
@@ -162,9 +179,8 @@ ServerReflectionResponse AnswerReflection(const ServerReflectionRequest& request
   return response;
 }
 
-ReflectionService::ReflectionService(std::vector<std::string> services)
-    : services_(std::move(services)) {
-  services_.emplace_back("grpc.health.v1.Health");
+ReflectionService::ReflectionService(std::vector<std::string> services, SmallMessages& small)
+    : services_(std::move(services)), small_(small) {
   for (const Descriptor* each :
        {ServerReflectionRequest::descriptor(),
         grpc::reflection::v1alpha::ServerReflectionRequest::descriptor()}) {
@@ -178,8 +194,8 @@ ReflectionService::ReflectionService(std::vector<std::string> services)
 }
 
 grpc::ServerBidiReactor<ServerReflectionRequest, ServerReflectionResponse>*
-ReflectionService::ServerReflectionInfo(grpc::CallbackServerContext*) {
-  return new ReflectionCall(services_, calls_);
+ReflectionService::ServerReflectionInfo(grpc::CallbackServerContext* rpc) {
+  return new ReflectionCall(services_, small_, calls_, rpc);
 }
 
 }  // namespace maneuver::rpc

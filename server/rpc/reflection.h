@@ -1,7 +1,8 @@
 // grpc.reflection.v1: describes the server's services to tools such as grpcurl. v1alpha, which older
 // tools ask, has the same messages and gets the same answers.
 //
-// Strangers may call it. So it bounds what they can hold here: 64 calls at once, requests of 1 KiB.
+// Strangers may call it. So it bounds what they can hold here: 64 calls at once, requests of 1 KiB,
+// and what their connections bring meanwhile.
 
 #ifndef MANEUVER_SERVER_RPC_REFLECTION_H_
 #define MANEUVER_SERVER_RPC_REFLECTION_H_
@@ -11,6 +12,7 @@
 #include <vector>
 
 #include "grpc/reflection/v1/reflection.grpc.pb.h"
+#include "server/rpc/small_messages.h"
 
 namespace maneuver::rpc {
 
@@ -23,9 +25,10 @@ grpc::reflection::v1::ServerReflectionResponse AnswerReflection(
 
 class ReflectionService final : public grpc::reflection::v1::ServerReflection::CallbackService {
  public:
-  // Serves both versions. Adds their names, and that of gRPC's health service.
+  // Serves both versions. Adds their names.
   //   services: full names of the other services of the server
-  explicit ReflectionService(std::vector<std::string> services);
+  //   small: bounds requests; must outlive the server
+  ReflectionService(std::vector<std::string> services, SmallMessages& small);
 
   grpc::ServerBidiReactor<grpc::reflection::v1::ServerReflectionRequest,
                           grpc::reflection::v1::ServerReflectionResponse>*
@@ -33,6 +36,7 @@ class ReflectionService final : public grpc::reflection::v1::ServerReflection::C
 
  private:
   std::vector<std::string> services_;
+  SmallMessages& small_;
   std::atomic<int> calls_ = 0;  // that are open
 };
 

@@ -1,7 +1,6 @@
 #include "server/rpc/server.h"
 
 #include <grpcpp/grpcpp.h>
-#include <grpcpp/health_check_service_interface.h>
 #include <grpcpp/resource_quota.h>
 
 #include <algorithm>
@@ -14,8 +13,10 @@
 #include "absl/strings/str_cat.h"
 #include "server/monitoring/listening.h"
 #include "server/rpc/call_observer.h"
+#include "server/rpc/health.h"
 #include "server/rpc/open_connections.h"
 #include "server/rpc/reflection.h"
+#include "server/rpc/small_messages.h"
 
 namespace maneuver::rpc {
 namespace {
@@ -25,7 +26,7 @@ constexpr std::chrono::milliseconds kPatience{500};  // with callers who do not 
 // Beats come three times a second; under full load some are late.
 constexpr std::chrono::seconds kLongestSilence{10};
 
-constexpr char kPredictionService[] = "maneuver.v1.PredictionService";
+constexpr std::string_view kPredictionService = "maneuver.v1.PredictionService";
 
 int Milliseconds(std::chrono::milliseconds time) {
   const int64_t milliseconds = time.count();
@@ -75,7 +76,6 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(
     security::AccessControl& access, monitoring::MetricRegistry& metrics,
     std::shared_ptr<grpc::ServerCredentials> credentials, const ConnectionLimits& limits) {
   if (credentials == nullptr) credentials = grpc::InsecureServerCredentials();
-  grpc::EnableDefaultHealthCheckService(true);
   grpc::ServerBuilder builder;
   // Two servers on one port would share its calls: a taken port is an error instead.
   builder.AddChannelArgument(GRPC_ARG_ALLOW_REUSEPORT, 0);
@@ -93,13 +93,22 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(
     methods.insert(methods.end(), names.begin(), names.end());
     builder.RegisterService(guarded.emplace_back(*std::move(guard)).get());
   }
+  auto small = std::make_unique<SmallMessages>();
+  auto health = std::make_unique<HealthService>();
   std::vector<std::string> names;
-  std::vector<std::string> refused;
+  health->Set("", true);
   for (const NamedService& service : services) {
     names.emplace_back(service.name);
-    if (!service.refusal.ok()) refused.emplace_back(service.name);
+    health->Set(service.name, service.refusal.ok() && service.name != kPredictionService);
   }
-  auto reflection = std::make_unique<ReflectionService>(names);
+  const NamedService open{.name = grpc::health::v1::Health::service_full_name(),
+                          .service = health.get(),
+                          .small = small.get()};
+  auto guard = GuardedService::Create(open, access);
+  if (!guard.ok()) return guard.status();
+  builder.RegisterService(guarded.emplace_back(*std::move(guard)).get());
+  names.emplace_back(open.name);
+  auto reflection = std::make_unique<ReflectionService>(std::move(names), *small);
   builder.RegisterService(reflection.get());
   std::vector<std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface>> interceptors;
   interceptors.push_back(ObserveCalls(metrics, methods));
@@ -110,24 +119,27 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(
     return absl::UnavailableError(absl::StrCat("cannot listen on ", address.ToString(), ": ",
                                                monitoring::WhyNotListening(address.ToString())));
   }
-  auto* health = server->GetHealthCheckService();
-  for (const std::string& name : names) health->SetServingStatus(name, true);
-  health->SetServingStatus("", true);
-  health->SetServingStatus(kPredictionService, false);
-  for (const std::string& name : refused) health->SetServingStatus(name, false);
-  return std::unique_ptr<Server>(
-      new Server(std::move(server), {address.host, port}, std::move(names), std::move(refused),
-                 std::move(guarded), std::move(reflection), std::move(credentials)));
+  small->Watch([bytes = ReceivedByPeer(port)](const std::string& peer) mutable {
+    return bytes.Bytes(peer);
+  });
+  const bool refuses_predictions = std::ranges::any_of(services, [](const NamedService& service) {
+    return service.name == kPredictionService && !service.refusal.ok();
+  });
+  return std::unique_ptr<Server>(new Server(
+      std::move(server), {address.host, port}, refuses_predictions, std::move(small),
+      std::move(health), std::move(guarded), std::move(reflection), std::move(credentials)));
 }
 
 Server::Server(std::unique_ptr<grpc::Server> server, security::ListenAddress address,
-               std::vector<std::string> names, std::vector<std::string> refused,
+               bool refuses_predictions, std::unique_ptr<SmallMessages> small,
+               std::unique_ptr<HealthService> health,
                std::vector<std::unique_ptr<GuardedService>> services,
                std::unique_ptr<ReflectionService> reflection,
                std::shared_ptr<grpc::ServerCredentials> credentials)
     : address_(std::move(address)),
-      names_(std::move(names)),
-      refused_(std::move(refused)),
+      refuses_predictions_(refuses_predictions),
+      small_(std::move(small)),
+      health_(std::move(health)),
       services_(std::move(services)),
       reflection_(std::move(reflection)),
       credentials_(std::move(credentials)),
@@ -136,19 +148,13 @@ Server::Server(std::unique_ptr<grpc::Server> server, security::ListenAddress add
 Server::~Server() { server_->Shutdown(std::chrono::system_clock::now()); }
 
 void Server::SetPredictionsReady(bool ready) {
-  predictions_ready_ = ready;
-  server_->GetHealthCheckService()->SetServingStatus(kPredictionService, ready);
+  health_->Set(kPredictionService, ready && !refuses_predictions_);
 }
 
-void Server::TurnHealth() {
-  health_turned_ = true;
-  server_->GetHealthCheckService()->Shutdown();
-}
+void Server::TurnHealth() { health_->Turn(); }
 
 std::optional<bool> Server::IsServing(std::string_view service) const {
-  if (!service.empty() && std::ranges::find(names_, service) == names_.end()) return std::nullopt;
-  if (std::ranges::find(refused_, service) != refused_.end()) return false;
-  return !health_turned_ && (service != kPredictionService || predictions_ready_);
+  return health_->IsServing(service);
 }
 
 bool Server::IsAlive() const {

@@ -3,7 +3,6 @@
 #ifndef MANEUVER_SERVER_RPC_SERVER_H_
 #define MANEUVER_SERVER_RPC_SERVER_H_
 
-#include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <memory>
@@ -26,7 +25,9 @@ class ServerCredentials;
 
 namespace maneuver::rpc {
 
+class HealthService;
 class ReflectionService;
+class SmallMessages;
 
 // Limits of connections and messages.
 struct ConnectionLimits {
@@ -85,18 +86,17 @@ class Server {
 
  private:
   Server(std::unique_ptr<grpc::Server> server, security::ListenAddress address,
-         std::vector<std::string> names, std::vector<std::string> refused,
+         bool refuses_predictions, std::unique_ptr<SmallMessages> small,
+         std::unique_ptr<HealthService> health,
          std::vector<std::unique_ptr<GuardedService>> services,
          std::unique_ptr<ReflectionService> reflection,
          std::shared_ptr<grpc::ServerCredentials> credentials);
 
   const security::ListenAddress address_;
-  const std::vector<std::string> names_;    // of the services
-  const std::vector<std::string> refused_;  // services that refuse every call
-  // The states that grpc.health.v1 was told; gRPC does not return them.
-  std::atomic<bool> predictions_ready_ = false;
-  std::atomic<bool> health_turned_ = false;
+  const bool refuses_predictions_;
   // gRPC's server uses these until it ends.
+  const std::unique_ptr<SmallMessages> small_;
+  const std::unique_ptr<HealthService> health_;
   const std::vector<std::unique_ptr<GuardedService>> services_;
   const std::unique_ptr<ReflectionService> reflection_;
   const std::shared_ptr<grpc::ServerCredentials> credentials_;

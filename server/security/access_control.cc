@@ -1,5 +1,9 @@
 #include "server/security/access_control.h"
 
+#include <arpa/inet.h>
+#include <netinet/in.h>
+
+#include <algorithm>
 #include <array>
 #include <optional>
 #include <utility>
@@ -49,6 +53,25 @@ absl::Status TooFast(const char* what, std::chrono::nanoseconds delay) {
 }
 
 }  // namespace
+
+std::string NetworkOf(const std::string& peer) {
+  constexpr std::string_view kBegin = "ipv6:%5B";
+  constexpr size_t kNetworkBytes = 8;
+  if (!peer.starts_with(kBegin)) return peer;
+  // "%" begins the end of the brackets, or a zone.
+  const std::string text =
+      peer.substr(kBegin.size(), peer.find('%', kBegin.size()) - kBegin.size());
+  in6_addr address;
+  if (inet_pton(AF_INET6, text.c_str(), &address) != 1) return peer;
+  char network[INET6_ADDRSTRLEN];
+  if (IN6_IS_ADDR_V4MAPPED(&address)) {
+    inet_ntop(AF_INET, address.s6_addr + 12, network, sizeof network);
+    return absl::StrCat("ipv4:", network);
+  }
+  std::fill(address.s6_addr + kNetworkBytes, std::end(address.s6_addr), uint8_t{0});
+  inet_ntop(AF_INET6, &address, network, sizeof network);
+  return absl::StrCat("ipv6:", network, "/64");
+}
 
 AccessControl::AccessControl(const AccessOptions& options, monitoring::MetricRegistry& metrics,
                              std::function<absl::Time()> clock)
@@ -204,7 +227,7 @@ std::string AccessControl::NameOf(const Credentials& credentials) const {
 
 absl::Status AccessControl::Decide(std::string_view method, const Credentials& credentials,
                                    Caller& caller) {
-  caller.client = absl::StrCat("peer:", credentials.peer);
+  caller.client = absl::StrCat("peer:", NetworkOf(credentials.peer));
   const std::optional<Role> needed = RequiredRole(method);
   std::optional<RoleSet> roles;
   if (asks_for_identity() && needed != Role::kAnyone) {
@@ -230,7 +253,8 @@ absl::Status AccessControl::Decide(std::string_view method, const Credentials& c
 absl::Status AccessControl::Admit(std::string_view method, const Credentials& credentials) {
   Caller caller;
   absl::Status status = Decide(method, credentials, caller);
-  if (status.ok()) {
+  // A balancer asks for the health of every server, from the address of many callers.
+  if (status.ok() && RequiredRole(method) != Role::kAnyone) {
     if (const auto delay = calls_.Take(caller.client, 1.0)) status = TooFast("calls", *delay);
   }
   return status.ok() ? status : Refuse(std::move(status), method, caller);
@@ -239,7 +263,7 @@ absl::Status AccessControl::Admit(std::string_view method, const Credentials& cr
 absl::Status AccessControl::AdmitTargets(const Credentials& credentials, int targets) {
   if (!limits_targets()) return absl::OkStatus();
   Caller caller;
-  caller.client = absl::StrCat("peer:", credentials.peer);
+  caller.client = absl::StrCat("peer:", NetworkOf(credentials.peer));
   absl::Status status;
   if (asks_for_identity()) status = Identify(credentials, caller).status();
   if (status.ok()) {

@@ -38,8 +38,13 @@ struct Credentials {
   // From the client's certificate, if it was verified.
   std::vector<std::string> alternative_names = {};
   std::string common_name = {};
-  std::string peer = {};  // network address, without the port
+  // Network address, without the port, as gRPC writes it: "ipv4:10.1.2.3", "ipv6:%5B2001:db8::1%5D".
+  std::string peer = {};
 };
+
+// Returns the network that an address belongs to: an IPv4 address alone, of IPv6 64 bits, which one
+// subscriber has to himself: "ipv6:2001:db8::/64". Any other text as it is.
+std::string NetworkOf(const std::string& peer);
 
 // Thread-safe.
 class AccessControl {
@@ -57,7 +62,7 @@ class AccessControl {
   //   UNAUTHENTICATED    CREDENTIALS_MISSING, TOKEN_UNKNOWN (also for an expired token; only the
   //                      log distinguishes the two)
   //   PERMISSION_DENIED  CERTIFICATE_NOT_LISTED, ROLE_MISSING, METHOD_NOT_DECLARED (roles.h)
-  //   RESOURCE_EXHAUSTED RATE_LIMITED, with the delay
+  //   RESOURCE_EXHAUSTED RATE_LIMITED, with the delay; not for methods that anyone may call
   //   method: "/maneuver.v1.PredictionService/Predict", for example.
   absl::Status Admit(std::string_view method, const Credentials& credentials);
 

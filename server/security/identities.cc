@@ -1,5 +1,7 @@
 #include "server/security/identities.h"
 
+#include <arpa/inet.h>
+#include <netinet/in.h>
 #include <openssl/crypto.h>
 #include <sys/random.h>
 
@@ -27,6 +29,17 @@ bool IsName(std::string_view name) {
     return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '.' ||
            c == '_' || c == '-';
   });
+}
+
+// Returns an IPv4 or IPv6 address as gRPC writes those of certificates; nothing for other texts.
+std::optional<std::string> AsAddress(const std::string& text) {
+  unsigned char address[sizeof(in6_addr)];
+  char written[INET6_ADDRSTRLEN];
+  for (const int family : {AF_INET, AF_INET6}) {
+    if (inet_pton(family, text.c_str(), address) != 1) continue;
+    return inet_ntop(family, address, written, sizeof written);
+  }
+  return std::nullopt;
 }
 
 bool IsDigest(std::string_view text) {
@@ -82,6 +95,7 @@ absl::StatusOr<IdentityLine> ParseWords(std::string_view line) {
   } else if (line.starts_with(kAlternativeNameMark)) {
     entry.kind = IdentityLine::Kind::kAlternativeName;
     entry.credential = std::string(line.substr(kAlternativeNameMark.size()));
+    entry.credential = AsAddress(entry.credential).value_or(entry.credential);
     known = !entry.credential.empty();
   } else if (line.starts_with(kCommonNameMark)) {
     entry.kind = IdentityLine::Kind::kCommonName;
@@ -97,6 +111,11 @@ absl::StatusOr<IdentityLine> ParseWords(std::string_view line) {
 }
 
 }  // namespace
+
+NameKind KindOf(const std::string& name) {
+  if (AsAddress(name)) return NameKind::kAddress;
+  return name.find(':') == std::string::npos ? NameKind::kDns : NameKind::kUri;
+}
 
 absl::StatusOr<std::optional<IdentityLine>> ParseIdentityLine(std::string_view line) {
   const std::string_view text = Trim(line);

@@ -48,6 +48,13 @@ struct IdentityLine {
 // without the line's content.
 absl::StatusOr<std::optional<IdentityLine>> ParseIdentityLine(std::string_view line);
 
+// The kinds of alternative names that a line after "san:" can mean. Never e-mail names, directory
+// names or others.
+enum class NameKind { kDns, kUri, kAddress };
+// Returns which one a text means: an address if it reads as IPv4 or IPv6, else a URI if it has a
+// colon, else a DNS name. A certificate's name of another kind with the same text is not that name.
+NameKind KindOf(const std::string& name);
+
 // Immutable, hence thread-safe.
 class Identities {
  public:
@@ -59,7 +66,8 @@ class Identities {
   // the same time for every token, known or not.
   const Identity* FindToken(std::string_view token) const;
   // Returns the identity of a certificate, or nullptr: the first line that has one of its names.
-  //   alternative_names: the certificate's DNS names, URIs and addresses, as text.
+  //   alternative_names: the certificate's DNS names, URIs and addresses, as text; of each those that
+  //     KindOf says are of their kind
   //   common_name: empty for none.
   const Identity* FindCertificate(const std::vector<std::string>& alternative_names,
                                   std::string_view common_name) const;

@@ -156,11 +156,12 @@ class SessionStore final : public PostgresqlStore,
     if (!before.ok()) return before.status();
     const auto rows = Read(
         Select("number < $1 ORDER BY number DESC LIMIT $2", {*before, int64_t{page_size} + 1}));
-    auto jobs = JobsFrom(rows);
-    if (!jobs.ok()) return jobs.status();
-    jobs::JobPage page = {*std::move(jobs), ""};
-    if (page.jobs.size() > static_cast<size_t>(page_size)) {
-      page.jobs.pop_back();
+    if (!rows.ok()) return rows.status();
+    jobs::JobPage page;
+    for (int row = 0; row < std::min(rows->count(), page_size); ++row) {
+      AddToPage(JobFrom(*rows, row), &page);
+    }
+    if (rows->count() > page_size) {
       page.next_page_token = absl::StrCat(rows->Int(page_size - 1, 0));
     }
     return page;

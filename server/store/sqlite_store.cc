@@ -101,18 +101,16 @@ class FileStore final : public SqliteStore {
     select.Bind(*before).Bind(int64_t{page_size} + 1);
     jobs::JobPage page;
     int64_t last = 0;
-    for (;;) {
+    for (int count = 0;; ++count) {
       const auto row = select.Step();
       if (!row.ok()) return row.status();
       if (!*row) return page;
-      if (page.jobs.size() == static_cast<size_t>(page_size)) {
+      if (count == page_size) {
         page.next_page_token = absl::StrCat(last);
         return page;
       }
-      auto job = JobFrom(select);
-      if (!job.ok()) return job.status();
       last = select.Int(0);
-      page.jobs.push_back(*std::move(job));
+      AddToPage(JobFrom(select), &page);
     }
   }
 

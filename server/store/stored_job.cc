@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <limits>
 #include <string_view>
+#include <utility>
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
@@ -72,10 +73,11 @@ absl::StatusOr<v1::Job> ParseStoredJob(const JobKey& key, const std::string& byt
   v1::Job job;
   if (!ParseChecked(bytes, &job) ||
       (progress && !ParseChecked(*progress, job.mutable_progress()))) {
-    return absl::DataLossError("the job store holds a job that is damaged");
+    return absl::DataLossError(
+        absl::StrCat("the job store holds a job that is damaged: ", key.name));
   }
   if (job.name() != key.name || job.state() != key.state) {
-    return absl::DataLossError(absl::StrCat("the job store contradicts itself about ", job.name()));
+    return absl::DataLossError(absl::StrCat("the job store contradicts itself about ", key.name));
   }
   if (job.has_progress() && jobs::HasEnded(job.state())) {
     // The latest event is of before the end.
@@ -83,6 +85,14 @@ absl::StatusOr<v1::Job> ParseStoredJob(const JobKey& key, const std::string& byt
     if (job.state() == v1::JOB_STATE_SUCCEEDED) job.mutable_progress()->set_fraction(1.0);
   }
   return job;
+}
+
+void AddToPage(absl::StatusOr<v1::Job> job, jobs::JobPage* page) {
+  if (job.ok()) {
+    page->jobs.push_back(*std::move(job));
+  } else {
+    page->damaged.push_back(job.status());
+  }
 }
 
 absl::StatusOr<v1::Dataset> ParseStoredDataset(const std::string& name, const std::string& bytes) {

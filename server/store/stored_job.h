@@ -35,9 +35,12 @@ struct JobKey {
 };
 // Returns the job of a row and its latest event, if it has one. If the job has ended, its progress
 // has no remaining time; if it has SUCCEEDED, the fraction is 1. DATA_LOSS as for
-// ParseStoredProgress, or if the key differs from the job's.
+// ParseStoredProgress, or if the key differs from the job's. The error names the key.
 absl::StatusOr<v1::Job> ParseStoredJob(const JobKey& key, const std::string& job,
                                        const std::optional<std::string>& progress);
+
+// Adds the job of a row to a page, or the error of one that is damaged.
+void AddToPage(absl::StatusOr<v1::Job> job, jobs::JobPage* page);
 
 // Returns the manifest of a row. DATA_LOSS as for ParseStoredProgress, or if its name differs.
 //   name: datasets/{id}, after the row's key

@@ -179,6 +179,7 @@ TEST_F(AccessTest, EveryMethodAnswersEachCertificateAsTheRoleTableSays) {
   const std::string token = folder_.CreateToken("operator", "admin");
   std::string lines = "# who may call\nplanner predict san:planner.example\n";
   lines += "fleet predict,train san:spiffe://example/fleet\nada train cn:Ada Lovelace\n";
+  lines += "box predict san:10.1.2.3\nsix predict san:2001:DB8::1\n";
   folder_.Write("tokens", lines + folder_.Read("tokens"));
   const auto server = folder_.StartTls({"--tokens", folder_.file("tokens").string(),
                                         "--tls-client-ca", folder_.file("ca.crt").string()});
@@ -189,6 +190,8 @@ TEST_F(AccessTest, EveryMethodAnswersEachCertificateAsTheRoleTableSays) {
   for (const Caller& caller : std::vector<Caller>{
            {"by DNS name", listed, {}, {"predict"}, ""},
            {"by URI", with("x", "URI:spiffe://example/fleet"), {}, {"predict", "train"}, ""},
+           {"by address", with("x", "IP:10.1.2.3"), {}, {"predict"}, ""},
+           {"by IPv6 address", with("x", "IP:2001:db8::1"), {}, {"predict"}, ""},
            {"by common name", with("Ada Lovelace", ""), {}, {"train"}, ""},
            {"not listed", with("stranger", "DNS:x.example"), {}, {}, "CERTIFICATE_NOT_LISTED"},
            {"a DNS name as common name",
@@ -197,6 +200,22 @@ TEST_F(AccessTest, EveryMethodAnswersEachCertificateAsTheRoleTableSays) {
             {},
             "CERTIFICATE_NOT_LISTED"},
            {"an e-mail name", with("x", "email:planner.example"), {}, {}, "CERTIFICATE_NOT_LISTED"},
+           {"an address as DNS name", with("x", "DNS:10.1.2.3"), {}, {}, "CERTIFICATE_NOT_LISTED"},
+           {"a URI as DNS name",
+            with("x", "DNS:spiffe://example/fleet"),
+            {},
+            {},
+            "CERTIFICATE_NOT_LISTED"},
+           {"a DNS name as URI",
+            with("x", "URI:planner.example"),
+            {},
+            {},
+            "CERTIFICATE_NOT_LISTED"},
+           {"names of other kinds",
+            with("x", "otherName:1.2.3.4;UTF8:planner.example,RID:1.2.3.4"),
+            {},
+            {},
+            "CERTIFICATE_NOT_LISTED"},
            {"certificate and token", listed, Bearer(token), {"admin"}, ""},
            {"certificate and wrong token", listed, Bearer("x"), {}, "TOKEN_UNKNOWN"},
        }) {

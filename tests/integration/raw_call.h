@@ -28,8 +28,7 @@ struct RawCall {
 RawAnswer Call(const std::shared_ptr<grpc::Channel>& channel, const RawCall& call);
 
 // Returns the methods that the server's reflection lists: "/package.Service/Method" for each method
-// of each service. The server has no description of the health service, so its methods are those of
-// its standard.
+// of each service.
 //   version: of the reflection service, "v1" or "v1alpha"
 std::vector<std::string> MethodsByReflection(const std::shared_ptr<grpc::Channel>& channel,
                                              const std::string& version);

@@ -31,6 +31,12 @@ std::string BigEndian(uint32_t value, int bytes) {
   return text;
 }
 
+int64_t Number(const std::string& big_endian) {
+  int64_t number = 0;
+  for (const char byte : big_endian) number = number << 8 | static_cast<uint8_t>(byte);
+  return number;
+}
+
 // Returns a header that is neither compressed nor indexed (RFC 7541, 6.2.2). Name and value must be
 // shorter than 127.
 std::string Header(const std::string& name, const std::string& value) {
@@ -86,6 +92,28 @@ void RawHttp2::SendMessage(int stream, const std::string& message, size_t declar
             BigEndian(0, 1) + BigEndian(static_cast<uint32_t>(declared), 4) + message);
 }
 
+void RawHttp2::BeginMessage(int stream, int64_t declared) {
+  const std::string header = BigEndian(0, 1) + BigEndian(static_cast<uint32_t>(declared), 4);
+  SendFrame(kData, 0, stream, header);
+  window_ -= static_cast<int64_t>(header.size());
+  parts_[stream] = {.left = declared - 1, .window = -static_cast<int64_t>(header.size())};
+  SendMore();
+}
+
+void RawHttp2::SendMore() {
+  constexpr int64_t kFrame = 16384;
+  for (auto& [stream, part] : parts_) {
+    for (;;) {
+      const int64_t bytes = std::min({kFrame, part.left, window_, first_window_ + part.window});
+      if (bytes <= 0) break;
+      SendFrame(kData, 0, stream, std::string(static_cast<size_t>(bytes), '\0'));
+      part.left -= bytes;
+      part.window -= bytes;
+      window_ -= bytes;
+    }
+  }
+}
+
 RawHttp2::Received RawHttp2::Read(int messages, std::chrono::milliseconds patience,
                                   bool answers_pings) {
   Received received;
@@ -108,12 +136,22 @@ RawHttp2::Received RawHttp2::Read(int messages, std::chrono::milliseconds patien
       if (unread_.size() < kFrameHeader + length) break;
       const int type = byte(3);
       const int flags = byte(4);
+      const auto stream = static_cast<int>(Number(unread_.substr(5, 4)));
       const std::string payload = unread_.substr(kFrameHeader, length);
       unread_.erase(0, kFrameHeader + length);
       if (type == kData && length > 0) ++received.messages;
       if (type == kHeaders) received.headers += payload;
       if (type == kReset || ((type == kData || type == kHeaders) && (flags & kEndStream) != 0)) {
         ++received.ended;
+        parts_.erase(stream);
+      }
+      if (type == kWindowUpdate && stream == 0) window_ += Number(payload);
+      if (type == kWindowUpdate && parts_.contains(stream)) {
+        parts_[stream].window += Number(payload);
+      }
+      for (size_t i = 0; type == kSettings && i + 6 <= length; i += 6) {
+        if (Number(payload.substr(i, 2)) != kInitialWindowSize) continue;
+        first_window_ = Number(payload.substr(i + 2, 4));
       }
       if (type == kSettings && (flags & kAck) == 0) SendFrame(kSettings, kAck, 0, "");
       if (type == kPing && (flags & kAck) == 0 && answers_pings) SendFrame(kPing, kAck, 0, payload);

@@ -2,6 +2,8 @@
 #define MANEUVER_TESTS_INTEGRATION_RAW_HTTP2_H_
 
 #include <chrono>
+#include <cstdint>
+#include <map>
 #include <string>
 
 namespace maneuver::integration {
@@ -32,6 +34,14 @@ class RawHttp2 {
     SendMessage(stream, message, message.size());
   }
 
+  // Sends the header of a message, and then as many of its bytes as the server's windows let in.
+  //   declared: the length that the header states; all but the last byte are sent
+  void BeginMessage(int stream, int64_t declared);
+  // Sends more of the messages that were begun, as far as the windows that Read has seen let in.
+  void SendMore();
+  // Returns how many streams with a message that was begun have not ended, as far as Read has seen.
+  size_t begun() const { return parts_.size(); }
+
   // The part of an answer that has arrived.
   struct Received {
     int messages = 0;     // frames of data
@@ -47,8 +57,18 @@ class RawHttp2 {
   void Send(const std::string& bytes);
   void SendFrame(int type, int flags, int stream, const std::string& payload);
 
+  // A message that was begun.
+  struct Part {
+    int64_t left = 0;    // bytes that were not sent
+    int64_t window = 0;  // what the server lets the stream send, besides the first window
+  };
+
   int descriptor_ = -1;
   std::string unread_;  // the start of a frame
+  // Bytes that the server lets in: of the connection, and of a stream at its begin.
+  int64_t window_ = 65535;
+  int64_t first_window_ = 65535;
+  std::map<int, Part> parts_;  // by stream
 };
 
 }  // namespace maneuver::integration

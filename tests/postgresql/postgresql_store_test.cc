@@ -42,6 +42,11 @@ class PostgresqlMaker final : public StoreMaker {
     if (!store.ok()) return store.status();
     return *std::move(store);
   }
+  absl::Status Run(const std::string& statement) override {
+    const auto connection = PostgresqlConnection::Open(postgresql::AsTest(address_));
+    if (!connection.ok()) return connection.status();
+    return (*connection)->Run(statement).status();
+  }
 
  private:
   const std::string address_;

@@ -90,10 +90,39 @@ TEST_F(OpenConnectionsTest, ForgetsWhatAConnectionReceivedSecondsAgo) {
   ReceivedBytes received(ntohs(address_.sin_port));
   for (int second = 0; second < 2; ++second) received.Note(begin_ + seconds(second));
   now.Send(20'000);
-  EXPECT_EQ(received.Recent(), 20'000);
+  int64_t recent = 0;
+  for (const auto& [peer, bytes] : received.Recent()) recent += bytes;
+  EXPECT_EQ(recent, 20'000);
+  EXPECT_EQ(received.Recent().size(), 2u);
   EXPECT_EQ(received.CutOffLargest(1000), 1);
   EXPECT_TRUE(now.IsCutOff());
   EXPECT_FALSE(earlier.IsCutOff());
+}
+
+TEST_F(OpenConnectionsTest, TellsWhatTheConnectionOfACallerReceived) {
+  Connection first, second;
+  for (Connection* each : {&first, &second}) Connect(*each);
+  const auto peer_of = [](const Connection& connection) {
+    sockaddr_in own{};
+    socklen_t size = sizeof own;
+    getsockname(connection.caller, AsAddress(own), &size);
+    return "ipv4:127.0.0.1:" + std::to_string(ntohs(own.sin_port));
+  };
+  ReceivedByPeer received(ntohs(address_.sin_port));
+  first.Send(30'000);
+  EXPECT_EQ(received.Bytes(peer_of(first)), 30'000);
+  EXPECT_EQ(received.Bytes(peer_of(second)), 0);
+  EXPECT_EQ(received.Bytes("ipv4:127.0.0.1:1"), 0);
+  first.Send(1'000);
+  EXPECT_EQ(received.Bytes(peer_of(first)), 31'000);
+  // Another connection gets the descriptor.
+  const std::string gone = peer_of(first);
+  close(first.caller);
+  close(first.accepted);
+  Connect(first);
+  EXPECT_EQ(received.Bytes(gone), 0);
+  first.Send(10);
+  EXPECT_EQ(received.Bytes(peer_of(first)), 10);
 }
 
 }  // namespace

@@ -10,9 +10,11 @@
 #include <thread>
 
 #include "absl/strings/str_cat.h"
+#include "grpc/health/v1/health.grpc.pb.h"
 #include "grpc/reflection/v1/reflection.grpc.pb.h"
 #include "server/errors/error_details.h"
 #include "server/rpc/message_gate.h"
+#include "server/rpc/open_connections.h"
 #include "server/rpc/predict_stream.h"
 #include "server/security/identities.h"
 #include "server/security/secret_file.h"
@@ -539,26 +541,108 @@ TEST_F(ServerTest, RefusesAStrangerWhoHasNotSentTheRequest) {
   EXPECT_EQ(status.error_code(), grpc::StatusCode::UNAUTHENTICATED) << status.error_message();
 }
 
-// One caller sends nothing of its request, and the gate allows none of them.
+// Anybody may ask for the health and for reflection. Nobody has a token here.
+TEST_F(ServerTest, EndsTheCallsOfAStrangerWhoSendsHalfOfLargeMessages) {
+  for (const char* method : {"/grpc.health.v1.Health/Check", "/grpc.health.v1.Health/Watch",
+                             "/grpc.reflection.v1.ServerReflection/ServerReflectionInfo"}) {
+    maneuver::integration::RawHttp2 stranger(server_->address().ToString());
+    stranger.SendPreface();
+    stranger.SendSettings();
+    for (int i = 0; i < 8; ++i) {
+      stranger.OpenCall(2 * i + 1, method);
+      stranger.BeginMessage(2 * i + 1, int64_t{60} << 20);
+    }
+    const auto give_up = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+    while (stranger.begun() > 0 && std::chrono::steady_clock::now() < give_up) {
+      stranger.Read(1, std::chrono::milliseconds(5), true);
+      stranger.SendMore();
+    }
+    EXPECT_EQ(stranger.begun(), 0u) << method;
+  }
+  EXPECT_EQ(Health(""), 1);
+}
+
+TEST_F(ServerTest, RefusesALargeHealthCheck) {
+  grpc::ByteBuffer answer;
+  const std::string large(5'000, 's');
+  EXPECT_EQ(CallWithBytes(channel_, "/grpc.health.v1.Health/Check", large, &answer).error_code(),
+            grpc::StatusCode::RESOURCE_EXHAUSTED);
+  EXPECT_EQ(CallWithBytes(channel_, "/grpc.health.v1.Health/Watch", large, &answer).error_code(),
+            grpc::StatusCode::RESOURCE_EXHAUSTED);
+}
+
+TEST_F(ServerTest, AHealthCheckOfAnUnknownServiceIsNotFound) {
+  const auto stub = grpc::health::v1::Health::NewStub(channel_);
+  grpc::ClientContext context;
+  grpc::health::v1::HealthCheckRequest request;
+  grpc::health::v1::HealthCheckResponse response;
+  request.set_service("maneuver.v1.NoSuchService");
+  const grpc::Status status = stub->Check(&context, request, &response);
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::NOT_FOUND);
+  EXPECT_EQ(status.error_message(), "service name unknown");
+  grpc::ByteBuffer answer;
+  EXPECT_EQ(
+      CallWithBytes(channel_, "/grpc.health.v1.Health/Check", "\xff\xff", &answer).error_code(),
+      grpc::StatusCode::INVALID_ARGUMENT);
+}
+
+TEST_F(ServerTest, AWatchOfTheHealthIsToldEachChange) {
+  const auto stub = grpc::health::v1::Health::NewStub(channel_);
+  const auto watch = [&stub](grpc::ClientContext* context, const std::string& service) {
+    grpc::health::v1::HealthCheckRequest request;
+    request.set_service(service);
+    return stub->Watch(context, request);
+  };
+  grpc::ClientContext predictions_context;
+  const auto predictions = watch(&predictions_context, "maneuver.v1.PredictionService");
+  grpc::ClientContext unknown_context;
+  const auto unknown = watch(&unknown_context, "maneuver.v1.NoSuchService");
+  using grpc::health::v1::HealthCheckResponse;
+  HealthCheckResponse response;
+  ASSERT_TRUE(unknown->Read(&response));
+  EXPECT_EQ(response.status(), HealthCheckResponse::SERVICE_UNKNOWN);
+  ASSERT_TRUE(predictions->Read(&response));
+  EXPECT_EQ(response.status(), HealthCheckResponse::NOT_SERVING);
+  Publish();
+  ASSERT_TRUE(predictions->Read(&response));
+  EXPECT_EQ(response.status(), HealthCheckResponse::SERVING);
+  server_->TurnHealth();
+  ASSERT_TRUE(predictions->Read(&response));
+  EXPECT_EQ(response.status(), HealthCheckResponse::NOT_SERVING);
+  server_->SetPredictionsReady(true);
+  EXPECT_EQ(server_->IsServing("maneuver.v1.PredictionService"), false);
+  server_->Shutdown(std::chrono::system_clock::now());
+  EXPECT_FALSE(predictions->Read(&response)) << "the change before is permanent";
+  EXPECT_FALSE(predictions->Finish().ok());
+  EXPECT_FALSE(unknown->Finish().ok());
+}
+
+// One caller sends nothing of its request, by a connection with large ones, and the gate allows none.
 TEST_F(ServerTest, ACallThatSendsItsRequestTooSlowlyIsRefusedAndAnotherIsAnswered) {
   Publish();
   MessageGate gate(1);
-  std::jthread looking([&gate](const std::stop_token& stop) {
-    while (!stop.stop_requested()) {
-      gate.Look(std::chrono::steady_clock::now(), /*allowed=*/0);
-      std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    }
-  });
   const auto server = Server::Start({"127.0.0.1", 0},
                                     {{.name = v1::PredictionService::service_full_name(),
                                       .service = predictions_.get(),
                                       .gate = &gate}},
                                     *access_, *metrics_);
   ASSERT_TRUE(server.ok()) << server.status();
+  std::jthread looking([&gate, port = (*server)->address().port](const std::stop_token& stop) {
+    while (!stop.stop_requested()) {
+      auto large = ReceivedBytes(port).Recent();
+      for (auto& [peer, bytes] : large) bytes += int64_t{1} << 30;
+      gate.Weigh(large);
+      gate.Look(std::chrono::steady_clock::now(), /*allowed=*/0);
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
+  });
   const auto channel =
       grpc::CreateChannel((*server)->address().ToString(), grpc::InsecureChannelCredentials());
-  const grpc::Status status = PredictWithoutRequest(channel);
-  EXPECT_EQ(status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED) << status.error_message();
+  for (int i = 0; i < 20; ++i) {
+    const grpc::Status status = PredictWithoutRequest(channel);
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED) << status.error_message();
+    EXPECT_EQ(Reason(status), "MEMORY_FULL");
+  }
   looking.request_stop();
   looking.join();
   gate.Look(std::chrono::steady_clock::now(), /*allowed=*/1);

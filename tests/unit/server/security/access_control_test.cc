@@ -96,6 +96,31 @@ TEST_F(AccessControlTest, LimitsRatesByIdentityOrElseByAddress) {
   EXPECT_TRUE(open->Admit(kPredict, {.peer = "ipv4:10.0.0.1"}).ok());
   EXPECT_FALSE(open->Admit(kPredict, {.peer = "ipv4:10.0.0.1"}).ok());
   EXPECT_TRUE(open->Admit(kPredict, {.peer = "ipv4:10.0.0.2"}).ok());
+  // A balancer has one address, and asks often.
+  for (int i = 0; i < 10; ++i) {
+    EXPECT_TRUE(open->Admit(kHealth, {.peer = "ipv4:10.0.0.1"}).ok());
+  }
+}
+
+// Who has one IPv6 address has 2^64 of them.
+TEST_F(AccessControlTest, CountsANetworkOfIpv6AsOneClient) {
+  options_.calls_per_second = 1.0;
+  options_.targets_per_second = 1.0;
+  options_.identities.clear();
+  const auto open = Create();
+  EXPECT_TRUE(open->Admit(kPredict, {.peer = "ipv6:%5B2001:db8::1%5D"}).ok());
+  EXPECT_FALSE(open->Admit(kPredict, {.peer = "ipv6:%5B2001:db8::ffff:2:3:4%5D"}).ok());
+  EXPECT_TRUE(open->Admit(kPredict, {.peer = "ipv6:%5B2001:db8:0:1::1%5D"}).ok());
+  EXPECT_TRUE(open->AdmitTargets({.peer = "ipv6:%5B2001:db8::1%5D"}, 1).ok());
+  EXPECT_FALSE(open->AdmitTargets({.peer = "ipv6:%5B2001:db8::2%5D"}, 1).ok());
+
+  EXPECT_EQ(NetworkOf("ipv6:%5B2001:db8:1:2:3:4:5:6%5D"), "ipv6:2001:db8:1:2::/64");
+  EXPECT_EQ(NetworkOf("ipv6:%5Bfe80::1%25eth0%5D"), "ipv6:fe80::/64");
+  EXPECT_EQ(NetworkOf("ipv6:%5B::ffff:10.0.0.1%5D"), "ipv4:10.0.0.1");
+  EXPECT_EQ(NetworkOf("ipv4:10.0.0.1"), "ipv4:10.0.0.1");
+  for (const char* other : {"", "unix:", "ipv6:%5B", "ipv6:%5Bx%5D"}) {
+    EXPECT_EQ(NetworkOf(other), other);
+  }
 }
 
 TEST_F(AccessControlTest, RefusedCallsDoNotUseUpTheRateOfOthers) {

@@ -43,6 +43,22 @@ TEST(IdentitiesTest, FindsACertificateByOneOfItsNames) {
   EXPECT_EQ(identities->FindToken("a.example"), nullptr);
 }
 
+TEST(IdentitiesTest, AnAlternativeNameIsAnAddressAUriOrADnsName) {
+  for (const char* address : {"10.1.2.3", "2001:db8::1", "::1"}) {
+    EXPECT_EQ(KindOf(address), NameKind::kAddress) << address;
+  }
+  for (const char* uri : {"spiffe://x/b", "urn:uuid:1", "2001:db8::x"}) {
+    EXPECT_EQ(KindOf(uri), NameKind::kUri) << uri;
+  }
+  for (const char* name : {"a.example", "10.1.2", "10.1.2.3.4", "*.example"}) {
+    EXPECT_EQ(KindOf(name), NameKind::kDns) << name;
+  }
+  // Addresses of certificates are written in one way.
+  const auto identities = Identities::Parse("a predict san:2001:DB8:0::0001\n");
+  ASSERT_TRUE(identities.ok()) << identities.status();
+  EXPECT_NE(identities->FindCertificate({"2001:db8::1"}, ""), nullptr);
+}
+
 TEST(IdentitiesTest, NamesAnInvalidLineWithoutItsContent) {
   const std::string digest = std::string("sha256:") + kAbc;
   for (const std::string& line : std::vector<std::string>{

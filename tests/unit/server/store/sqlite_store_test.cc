@@ -26,6 +26,15 @@ class SqliteMaker final : public StoreMaker {
     if (!store.ok()) return store.status();
     return *std::move(store);
   }
+  absl::Status Run(const std::string& statement) override {
+    sqlite3* database = nullptr;
+    const bool done =
+        sqlite3_open(file_.c_str(), &database) == SQLITE_OK &&
+        sqlite3_exec(database, statement.c_str(), nullptr, nullptr, nullptr) == SQLITE_OK;
+    const std::string error = sqlite3_errmsg(database);
+    sqlite3_close(database);
+    return done ? absl::OkStatus() : absl::InternalError(error);
+  }
 
  private:
   const std::filesystem::path file_;

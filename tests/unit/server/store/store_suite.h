@@ -59,6 +59,8 @@ class StoreMaker {
   virtual ~StoreMaker() = default;
   // Opens the store, as a server that starts does. The one before is closed.
   virtual absl::StatusOr<std::unique_ptr<Store>> Open() = 0;
+  // Runs a statement on the database beside the store.
+  virtual absl::Status Run(const std::string& statement) = 0;
 };
 // Returns a maker of one empty store. NOT_FOUND if the database is not installed.
 //   folder: empty, and there as long as the store is used
@@ -128,6 +130,30 @@ TEST_P(StoreTest, ARequestIdBelongsToOneJobAndNoRequestIdToAny) {
   ASSERT_TRUE(store_->Add(PendingJob("c"), "", "").ok());
   EXPECT_TRUE(store_->Add(PendingJob("d"), "", "").ok());
   EXPECT_FALSE(store_->FindRequest("")->has_value());
+}
+
+TEST_P(StoreTest, AListLeavesOutADamagedJobAndNamesIt) {
+  for (const char* id : {"a", "b", "c", "d"}) {
+    ASSERT_TRUE(store_->Add(PendingJob(id), "", "").ok());
+  }
+  ASSERT_TRUE(maker_->Run("UPDATE jobs SET state = 4 WHERE name = 'jobs/c'").ok());
+  const auto all = store_->List(10, "");
+  ASSERT_TRUE(all.ok()) << all.status();
+  EXPECT_EQ(NamesOf(all->jobs), (std::vector<std::string>{"jobs/d", "jobs/b", "jobs/a"}));
+  ASSERT_EQ(all->damaged.size(), 1u);
+  EXPECT_TRUE(absl::IsDataLoss(all->damaged[0]));
+  EXPECT_THAT(std::string(all->damaged[0].message()), testing::HasSubstr("jobs/c"));
+  const auto damaged = store_->Get("jobs/c").status();
+  EXPECT_TRUE(absl::IsDataLoss(damaged));
+  EXPECT_THAT(std::string(damaged.message()), testing::HasSubstr("jobs/c"));
+
+  const auto first = store_->List(2, "");
+  ASSERT_TRUE(first.ok()) << first.status();
+  EXPECT_EQ(NamesOf(first->jobs), (std::vector<std::string>{"jobs/d"}));
+  const auto second = store_->List(2, first->next_page_token);
+  ASSERT_TRUE(second.ok()) << second.status();
+  EXPECT_EQ(NamesOf(second->jobs), (std::vector<std::string>{"jobs/b", "jobs/a"}));
+  EXPECT_EQ(second->next_page_token, "");
 }
 
 TEST_P(StoreTest, PagesAreNewestFirstWithoutGapsWhileJobsArrive) {

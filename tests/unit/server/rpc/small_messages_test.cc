@@ -1,0 +1,85 @@
+#include "server/rpc/small_messages.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <map>
+#include <string>
+#include <vector>
+
+namespace maneuver::rpc::small_messages_test {
+namespace {
+
+using testing::ElementsAre;
+using testing::IsEmpty;
+
+class SmallMessagesTest : public testing::Test {
+ protected:
+  int64_t Add(const std::string& peer) {
+    return messages_.Add(peer, [this, peer] { cancelled_.push_back(peer); });
+  }
+  void Look() {
+    messages_.Look([this](const std::string& peer) { return received_[peer]; });
+  }
+
+  std::map<std::string, int64_t> received_;
+  std::vector<std::string> cancelled_;
+  SmallMessages messages_;
+};
+
+TEST_F(SmallMessagesTest, LeavesMessagesThatAreAwaitedOnQuietConnections) {
+  const int64_t number = Add("a");
+  received_["a"] = int64_t{1} << 40;  // before
+  for (int i = 0; i < 1000; ++i) {
+    Look();
+    received_["a"] += SmallMessages::kMostBytesUnderway / 1000;
+  }
+  EXPECT_THAT(cancelled_, IsEmpty());
+  EXPECT_TRUE(messages_.Remove(number));
+}
+
+TEST_F(SmallMessagesTest, CancelsTheMessagesOfTheConnectionsThatBringTheMost) {
+  const int64_t small = Add("small");
+  const int64_t first = Add("large");
+  const int64_t second = Add("large");
+  Look();
+  received_["small"] = SmallMessages::kMostBytesUnderway;
+  Look();
+  EXPECT_THAT(cancelled_, IsEmpty());
+  received_["large"] = SmallMessages::kMostBytesUnderway + 1;
+  Look();
+  EXPECT_THAT(cancelled_, ElementsAre("large", "large"));
+  Look();
+  EXPECT_THAT(cancelled_, ElementsAre("large", "large")) << "once";
+  EXPECT_TRUE(messages_.Remove(small));
+  EXPECT_FALSE(messages_.Remove(first));
+  EXPECT_FALSE(messages_.Remove(second));
+}
+
+TEST_F(SmallMessagesTest, ManyConnectionsHaveNoMoreThanOne) {
+  constexpr int kConnections = 100;
+  for (int i = 0; i < kConnections; ++i) Add(std::to_string(i));
+  Look();
+  for (int i = 0; i < kConnections; ++i) {
+    received_[std::to_string(i)] = SmallMessages::kMostBytesUnderway / 50;
+  }
+  Look();
+  EXPECT_EQ(cancelled_.size(), 50u);
+}
+
+TEST_F(SmallMessagesTest, CountsAConnectionAnewOnceNoMessageIsUnderway) {
+  ASSERT_TRUE(messages_.Remove(Add("a")));
+  const int64_t before = Add("a");
+  Look();
+  received_["a"] = SmallMessages::kMostBytesUnderway;
+  ASSERT_TRUE(messages_.Remove(before));
+  Look();
+  Add("a");
+  Look();
+  received_["a"] += SmallMessages::kMostBytesUnderway;
+  Look();
+  EXPECT_THAT(cancelled_, IsEmpty());
+}
+
+}  // namespace
+}  // namespace maneuver::rpc::small_messages_test
