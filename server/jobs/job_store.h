@@ -85,11 +85,12 @@ class JobStore {
   // Returns the job that a request created, if there is one.
   virtual absl::StatusOr<std::optional<RequestedJob>> FindRequest(
       const std::string& request_id) = 0;
-  // Returns a page of jobs, newest first, without those that are damaged. INVALID_ARGUMENT for a token that List did not return.
+  // Returns a page of jobs, newest first, without those that are damaged. INVALID_ARGUMENT for a
+  // token that List did not return.
   //   page_size: 1 or more
   virtual absl::StatusOr<JobPage> List(int page_size, const std::string& page_token) = 0;
   // Returns the jobs in a state, at most `limit`, in the order in which pending jobs start: the
-  // highest priority first, among equals the oldest.
+  // highest priority first, among equals the oldest. DATA_LOSS if one of them is damaged.
   virtual absl::StatusOr<std::vector<v1::Job>> ListInState(v1::JobState state,
                                                            std::optional<int> limit) = 0;
   virtual absl::StatusOr<int64_t> CountInState(v1::JobState state) = 0;
@@ -100,7 +101,8 @@ class JobStore {
   virtual absl::Status Move(v1::JobState from, const v1::Job& job) = 0;
 
   // Makes the first PENDING job, in the order of ListInState, RUNNING and returns it with a lease.
-  // `begin` changes the job as it starts. Returns nothing if no job is PENDING.
+  // `begin` changes the job as it starts. Returns nothing if no job is PENDING. Passes over jobs that
+  // are damaged, and logs each of them once.
   //   worker: leaves jobs out that this server cannot run; nothing: takes any
   virtual absl::StatusOr<std::optional<ClaimedJob>> Claim(
       const JobEdit& begin, const std::optional<WorkerCapacity>& worker) = 0;
@@ -113,8 +115,8 @@ class JobStore {
   // ABORTED if the lease has ended, FAILED_PRECONDITION if CanMove forbids the step.
   virtual absl::Status Finish(const JobLease& lease, const JobEdit& end) = 0;
   // Moves RUNNING jobs whose lease has ended, because its holder is gone or did not renew it, to
-  // another state by `end`. Returns them as they are now stored. After an error, some may have been
-  // moved.
+  // another state by `end`. Returns them as they are now stored. Passes over damaged jobs as Claim
+  // does. After an error, some may have been moved.
   virtual absl::StatusOr<std::vector<v1::Job>> TakeAbandoned(const JobEdit& end) = 0;
   // Sets cancel_requested of a RUNNING job, with or without a lease, and returns the job. The
   // holder of the lease learns of it by Renew. FAILED_PRECONDITION if it is in another state.

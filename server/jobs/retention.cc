@@ -49,12 +49,15 @@ absl::Status Retention::Sweep(absl::Time now) {
 }
 
 absl::Status Retention::SweepJobs(absl::Time now) {
+  constexpr int kPage = 1'000;
   absl::Status result;
-  for (const v1::JobState state : kJobStates) {
-    if (!HasEnded(state)) continue;
-    const auto jobs = jobs_.store().ListInState(state, std::nullopt);
-    if (!jobs.ok()) return jobs.status();
-    for (const v1::Job& job : *jobs) {
+  std::string token;
+  do {
+    const auto page = jobs_.store().List(kPage, token);
+    if (!page.ok()) return page.status();
+    for (const absl::Status& damage : page->damaged) result.Update(damage);
+    for (const v1::Job& job : page->jobs) {
+      if (!HasEnded(job.state())) continue;
       const absl::Duration age = now - ToTime(job.end_time());
       if (age > policy_.jobs) {
         const absl::Status status = jobs_.Delete(job.name());
@@ -71,7 +74,8 @@ absl::Status Retention::SweepJobs(absl::Time now) {
         }
       }
     }
-  }
+    token = page->next_page_token;
+  } while (!token.empty());
   return result;
 }
 

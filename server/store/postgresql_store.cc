@@ -196,14 +196,15 @@ class SessionStore final : public PostgresqlStore,
       const jobs::JobEdit& begin, const std::optional<jobs::WorkerCapacity>& worker) override {
     std::optional<jobs::ClaimedJob> claimed;
     const absl::Status status = Write([&](PostgresqlConnection& connection, SqlStatement& undo) {
-      constexpr char kFirst[] = " ORDER BY priority DESC, number LIMIT 1 FOR UPDATE SKIP LOCKED";
-      const auto rows = connection.Run(
-          worker ? Select(absl::StrCat("state = $1 AND device = ANY (string_to_array($2, ','))"
-                                       " AND ranks <= $3 AND memory <= $4",
-                                       kFirst),
-                          {v1::JOB_STATE_PENDING, absl::StrJoin(worker->devices, ","),
-                           worker->ranks, worker->memory_bytes})
-                 : Select(absl::StrCat("state = $1", kFirst), {v1::JOB_STATE_PENDING}));
+      constexpr char kLock[] = "FOR UPDATE SKIP LOCKED";
+      const auto rows =
+          worker ? FirstSound(connection,
+                              "state = $2 AND device = ANY (string_to_array($3, ','))"
+                              " AND ranks <= $4 AND memory <= $5",
+                              {v1::JOB_STATE_PENDING, absl::StrJoin(worker->devices, ","),
+                               worker->ranks, worker->memory_bytes},
+                              kLock)
+                 : FirstSound(connection, "state = $2", {v1::JOB_STATE_PENDING}, kLock);
       if (!rows.ok()) return rows.status();
       if (rows->empty()) return absl::OkStatus();
       auto job = JobFrom(*rows, 0);
@@ -258,14 +259,13 @@ class SessionStore final : public PostgresqlStore,
     for (;;) {
       bool found = false;
       const absl::Status status = Write([&](PostgresqlConnection& connection, SqlStatement& undo) {
-        const auto rows = connection.Run(
+        const auto rows =
             IsShared()
-                ? Select("state = $1 AND (lease_end IS NULL OR lease_end < clock_timestamp())"
-                         " ORDER BY priority DESC, number LIMIT 1 FOR UPDATE SKIP LOCKED",
-                         {v1::JOB_STATE_RUNNING})
-                : Select("state = $1 AND fence < $2"
-                         " ORDER BY priority DESC, number LIMIT 1 FOR UPDATE",
-                         {v1::JOB_STATE_RUNNING, first_fence_}));
+                ? FirstSound(connection,
+                             "state = $2 AND (lease_end IS NULL OR lease_end < clock_timestamp())",
+                             {v1::JOB_STATE_RUNNING}, "FOR UPDATE SKIP LOCKED")
+                : FirstSound(connection, "state = $2 AND fence < $3",
+                             {v1::JOB_STATE_RUNNING, first_fence_}, "FOR UPDATE");
         if (!rows.ok()) return rows.status();
         found = !rows->empty();
         if (!found) return absl::OkStatus();
@@ -428,6 +428,28 @@ class SessionStore final : public PostgresqlStore,
   using ModelVersionName = security::ModelVersionName;
 
   bool IsShared() const { return use_ == StoreUse::kShared; }
+
+  // Reads and locks the first job, in the order in which pending jobs start, that is not damaged.
+  // Logs the damaged ones before it. No row if there is none.
+  //   where: of a job, with $2, $3, ... for `values`
+  //   lock: "FOR UPDATE", perhaps with more
+  absl::StatusOr<SqlRows> FirstSound(Connection& connection, const std::string& where,
+                                     const std::vector<SqlValue>& values, const char* lock) {
+    std::vector<int64_t> damaged;  // numbers
+    for (;;) {
+      std::vector<SqlValue> all = {absl::StrCat("{", absl::StrJoin(damaged, ","), "}")};
+      all.insert(all.end(), values.begin(), values.end());
+      auto rows =
+          connection.Run(Select(absl::StrCat("number <> ALL ($1::bigint[]) AND ", where,
+                                             " ORDER BY priority DESC, number LIMIT 1 ", lock),
+                                std::move(all)));
+      if (!rows.ok() || rows->empty()) return rows;
+      const auto job = JobFrom(*rows, 0);
+      if (job.ok()) return rows;
+      damage_.Report(job.status());
+      damaged.push_back(rows->Int(0, 0));
+    }
+  }
 
   absl::StatusOr<std::vector<Entry>> ListVersions() override {
     const auto rows =
@@ -665,6 +687,7 @@ class SessionStore final : public PostgresqlStore,
   const StoreUse use_;
   // Leases of earlier owners have smaller fences.
   const int64_t first_fence_;
+  DamageLog damage_;
   monitoring::Counter* const heard_;  // notifications; nullptr if the store is not shared
   // One connection, one transaction at a time.
   Mutex mutex_;

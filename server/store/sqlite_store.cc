@@ -2,6 +2,7 @@
 
 #include <sqlite3.h>
 
+#include <iterator>
 #include <map>
 #include <utility>
 
@@ -117,7 +118,10 @@ class FileStore final : public SqliteStore {
   absl::StatusOr<std::vector<v1::Job>> ListInState(v1::JobState state,
                                                    std::optional<int> limit) override {
     const MutexLock lock(mutex_);
-    return ListInStateLocked(state, limit);
+    auto read = ReadInStateLocked(state, limit);
+    if (!read.ok()) return read.status();
+    if (!read->damaged.empty()) return read->damaged.front();
+    return std::move(read->jobs);
   }
 
   absl::StatusOr<int64_t> CountInState(v1::JobState state) override {
@@ -138,7 +142,7 @@ class FileStore final : public SqliteStore {
   absl::StatusOr<std::optional<jobs::ClaimedJob>> Claim(
       const jobs::JobEdit& begin, const std::optional<jobs::WorkerCapacity>&) override {
     const MutexLock lock(mutex_);
-    auto pending = ListInStateLocked(v1::JOB_STATE_PENDING, 1);
+    auto pending = SoundInStateLocked(v1::JOB_STATE_PENDING, 1);
     if (!pending.ok()) return pending.status();
     if (pending->empty()) return std::optional<jobs::ClaimedJob>();
     v1::Job& job = pending->front();
@@ -174,7 +178,7 @@ class FileStore final : public SqliteStore {
 
   absl::StatusOr<std::vector<v1::Job>> TakeAbandoned(const jobs::JobEdit& end) override {
     const MutexLock lock(mutex_);
-    auto running = ListInStateLocked(v1::JOB_STATE_RUNNING, std::nullopt);
+    auto running = SoundInStateLocked(v1::JOB_STATE_RUNNING, std::nullopt);
     if (!running.ok()) return running.status();
     std::vector<v1::Job> taken;
     for (v1::Job& job : *running) {
@@ -320,22 +324,31 @@ class FileStore final : public SqliteStore {
     return found != fences_.end() && found->second == lease.fence;
   }
 
-  absl::StatusOr<std::vector<v1::Job>> ListInStateLocked(v1::JobState state,
-                                                         std::optional<int> limit)
+  // Returns the sound jobs in a state, at most `limit`, in the order in which pending jobs start, and
+  // the damaged ones before the last of them.
+  absl::StatusOr<jobs::JobPage> ReadInStateLocked(v1::JobState state, std::optional<int> limit)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     Statement select(database_, "SELECT " JOB_COLUMNS
-                                " FROM jobs WHERE state = ? "
-                                "ORDER BY priority DESC, number LIMIT ?");
-    select.Bind(state).Bind(limit.value_or(-1));
-    std::vector<v1::Job> jobs;
-    for (;;) {
+                                " FROM jobs WHERE state = ? ORDER BY priority DESC, number");
+    select.Bind(state);
+    jobs::JobPage read;
+    while (!limit || std::ssize(read.jobs) < *limit) {
       const auto row = select.Step();
       if (!row.ok()) return row.status();
-      if (!*row) return jobs;
-      auto job = JobFrom(select);
-      if (!job.ok()) return job.status();
-      jobs.push_back(*std::move(job));
+      if (!*row) break;
+      AddToPage(JobFrom(select), &read);
     }
+    return read;
+  }
+
+  // The same, and logs the damaged ones.
+  absl::StatusOr<std::vector<v1::Job>> SoundInStateLocked(v1::JobState state,
+                                                          std::optional<int> limit)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    auto read = ReadInStateLocked(state, limit);
+    if (!read.ok()) return read.status();
+    for (const absl::Status& damage : read->damaged) damage_.Report(damage);
+    return std::move(read->jobs);
   }
 
   absl::StatusOr<int> GetAliasLocked(const security::ModelAliasName& name)
@@ -376,6 +389,7 @@ class FileStore final : public SqliteStore {
   // Leases end with this object, which every holder has to call: so they need not be in the file.
   std::map<std::string, int64_t> fences_ ABSL_GUARDED_BY(mutex_);  // by job
   int64_t last_fence_ ABSL_GUARDED_BY(mutex_) = 0;
+  DamageLog damage_;
 };
 
 }  // namespace

@@ -10,8 +10,13 @@
 #include "model/data/tfrecord.h"
 #include "server/errors/error_details.h"
 #include "server/jobs/job_state.h"
+#include "server/monitoring/logging.h"
 
 namespace maneuver::store {
+
+using monitoring::Log;
+using monitoring::LogLevel;
+
 namespace {
 
 // The tag of field 536870911, the last one, as four bytes; then come these bytes.
@@ -93,6 +98,13 @@ void AddToPage(absl::StatusOr<v1::Job> job, jobs::JobPage* page) {
   } else {
     page->damaged.push_back(job.status());
   }
+}
+
+void DamageLog::Report(const absl::Status& damage) {
+  std::string reason(damage.message());
+  const MutexLock lock(mutex_);
+  const auto [line, is_new] = reported_.insert(std::move(reason));
+  if (is_new) Log(LogLevel::kError, "a damaged job is passed over", {{"reason", *line}});
 }
 
 absl::StatusOr<v1::Dataset> ParseStoredDataset(const std::string& name, const std::string& bytes) {

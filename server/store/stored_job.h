@@ -6,10 +6,12 @@
 
 #include <cstdint>
 #include <optional>
+#include <set>
 #include <string>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "locks/mutex.h"
 #include "maneuver/v1/dataset.pb.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "server/jobs/job_store.h"
@@ -41,6 +43,18 @@ absl::StatusOr<v1::Job> ParseStoredJob(const JobKey& key, const std::string& job
 
 // Adds the job of a row to a page, or the error of one that is damaged.
 void AddToPage(absl::StatusOr<v1::Job> job, jobs::JobPage* page);
+
+// Logs the damaged jobs that a store passes over as it looks for one to run. Thread-safe.
+class DamageLog {
+ public:
+  // Writes a line, once for each job.
+  //   damage: what ParseStoredJob returned
+  void Report(const absl::Status& damage);
+
+ private:
+  Mutex mutex_;
+  std::set<std::string> reported_ ABSL_GUARDED_BY(mutex_);
+};
 
 // Returns the manifest of a row. DATA_LOSS as for ParseStoredProgress, or if its name differs.
 //   name: datasets/{id}, after the row's key

@@ -46,7 +46,12 @@ std::string Header(const std::string& name, const std::string& value) {
 
 }  // namespace
 
-RawHttp2::RawHttp2(const std::string& address) : descriptor_(socket(AF_INET, SOCK_STREAM, 0)) {
+RawHttp2::RawHttp2(const std::string& address, std::optional<int> receive_buffer)
+    : descriptor_(socket(AF_INET, SOCK_STREAM, 0)) {
+  if (receive_buffer.has_value()) {
+    const int bytes = *receive_buffer;
+    EXPECT_EQ(setsockopt(descriptor_, SOL_SOCKET, SO_RCVBUF, &bytes, sizeof bytes), 0);
+  }
   sockaddr_in peer{};
   peer.sin_family = AF_INET;
   peer.sin_port = htons(static_cast<uint16_t>(std::stoi(address.substr(address.rfind(':') + 1))));

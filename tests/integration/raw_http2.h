@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <string>
 
 namespace maneuver::integration {
@@ -13,7 +14,8 @@ namespace maneuver::integration {
 class RawHttp2 {
  public:
   // Connects and sends nothing.
-  explicit RawHttp2(const std::string& address);
+  //   receive_buffer: bytes of answers that the kernel keeps unread, about; its default without
+  explicit RawHttp2(const std::string& address, std::optional<int> receive_buffer = std::nullopt);
   ~RawHttp2();
   RawHttp2(const RawHttp2&) = delete;
   RawHttp2& operator=(const RawHttp2&) = delete;

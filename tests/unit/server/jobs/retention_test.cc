@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sqlite3.h>
 
 #include <algorithm>
 
@@ -77,6 +78,14 @@ class RetentionTest : public SupervisorTest {
     fs::create_directories(FolderOf(job) / "checkpoints");
     std::ofstream(FolderOf(job) / "checkpoints" / "checkpoint-000001") << "x";
   }
+  // Overwrites the row of a job.
+  void Damage(const std::string& id) {
+    sqlite3* database = nullptr;
+    ASSERT_EQ(sqlite3_open((folder_ / "maneuver.db").c_str(), &database), SQLITE_OK);
+    const std::string statement = "UPDATE jobs SET job = x'00' WHERE name = 'jobs/" + id + "'";
+    EXPECT_EQ(sqlite3_exec(database, statement.c_str(), nullptr, nullptr, nullptr), SQLITE_OK);
+    sqlite3_close(database);
+  }
   bool HasJob(const std::string& id) { return store_->Get("jobs/" + id).ok(); }
   bool HasCheckpoints(const std::string& id) { return LastCheckpoint(folder_ / "jobs" / id) > 0; }
 
@@ -97,6 +106,19 @@ TEST_F(RetentionTest, RemovesOldJobsAndOldCheckpoints) {
   EXPECT_FALSE(HasCheckpoints("old") || HasCheckpoints("old-cancelled"));
   EXPECT_TRUE(HasCheckpoints("recent"));
   EXPECT_EQ(versions_.List().size(), 3u);
+}
+
+TEST_F(RetentionTest, RemovesOldJobsBesideADamagedOne) {
+  AddEnded("ancient", v1::JOB_STATE_SUCCEEDED, absl::Hours(24 * 91));
+  AddEnded("damaged", v1::JOB_STATE_SUCCEEDED, absl::Hours(24 * 91));
+  Damage("damaged");
+  Start();
+  Retention retention({}, *supervisor_, versions_);
+  const absl::Status status = retention.Sweep(now_);
+  EXPECT_TRUE(absl::IsDataLoss(status)) << status;
+  EXPECT_THAT(std::string(status.message()), testing::HasSubstr("jobs/damaged"));
+  EXPECT_FALSE(HasJob("ancient"));
+  EXPECT_TRUE(fs::exists(folder_ / "jobs" / "damaged"));
 }
 
 TEST_F(RetentionTest, KeepsJobsThatHaveNotEnded) {

@@ -819,10 +819,11 @@ TEST_F(ServerTest, AnAnswerReleasesItsMemoryOnceItIsRead) {
   while (SendMemory() > 0.0) std::this_thread::yield();
 }
 
-// One connection that asks for some megabytes and never reads.
+// One connection that asks for some megabytes, more than the kernel keeps for it, and never reads.
 TEST_F(ServerTest, ShutsDownInTimeEvenIfACallerDoesNotRead) {
   Publish();
-  maneuver::integration::RawHttp2 reader(server_->address().ToString());
+  constexpr int kKept = 4096;
+  maneuver::integration::RawHttp2 reader(server_->address().ToString(), kKept);
   reader.SendPreface();
   reader.SendSettingsWithoutFlowControl();
   v1::PredictRequest request = OneScene();

@@ -156,6 +156,24 @@ TEST_P(StoreTest, AListLeavesOutADamagedJobAndNamesIt) {
   EXPECT_EQ(second->next_page_token, "");
 }
 
+TEST_P(StoreTest, ADamagedJobDoesNotKeepOthersFromRunning) {
+  for (const char* id : {"a", "b"}) ASSERT_TRUE(store_->Add(PendingJob(id), "", "").ok());
+  ASSERT_TRUE(maker_->Run("UPDATE jobs SET job = '\\x00' WHERE name = 'jobs/a'").ok());
+  const auto pending = store_->ListInState(v1::JOB_STATE_PENDING, 1).status();
+  EXPECT_TRUE(absl::IsDataLoss(pending)) << pending;
+  EXPECT_EQ(Claim().job.name(), "jobs/b");
+  const auto none = store_->Claim([](v1::Job&) {});
+  ASSERT_TRUE(none.ok()) << none.status();
+  EXPECT_FALSE(*none);
+
+  ASSERT_TRUE(maker_->Run("UPDATE jobs SET state = 2 WHERE name = 'jobs/a'").ok());
+  Reopen();
+  const auto taken = store_->TakeAbandoned(To(v1::JOB_STATE_PENDING));
+  ASSERT_TRUE(taken.ok()) << taken.status();
+  EXPECT_THAT(NamesOf(*taken), testing::ElementsAre("jobs/b"));
+  EXPECT_EQ(Claim().job.name(), "jobs/b");
+}
+
 TEST_P(StoreTest, PagesAreNewestFirstWithoutGapsWhileJobsArrive) {
   for (const char* id : {"a", "b", "c", "d", "e"}) {
     ASSERT_TRUE(store_->Add(PendingJob(id), "", "").ok());
