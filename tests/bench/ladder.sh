@@ -1,18 +1,20 @@
 #!/usr/bin/env bash
-# What each part of the model is worth: cross-validates the steps from the paper's model in small to
-# the default on the same folds, and prints a table in Markdown.
+# What each part of the model is worth: cross-validates the paper's models, and the default without
+# one part after the other, on the same folds, and prints a table in Markdown.
 #
-#   tests/bench/ladder.sh DATASET_FOLDER [OTHER_DATASET_FOLDER]   > ladder.md
+#   tests/bench/ladder.sh DATASET_FOLDER...   > ladder.md
 #
 #   ROWS="lanes compact"  only these rows      SEEDS=1,2,3  training seeds (default 1)
 #   FOLDS=5               folds                RESULTS=DIR  keeps the parts and the JSON (default: a
-#                                              temporary folder); rows that are there are not run again
+#                                              temporary folder); folds that are there are not run again
+#   OTHER=FOLDER          a dataset that each fold's model is measured on as a whole: out of distribution
 #
-# OTHER_DATASET_FOLDER is measured whole by each fold's model: out of distribution. Two folds run
-# side by side, one on each core; a row takes about ten minutes on 285 recordings and two cores.
+# Two folds run side by side, one on each core. A row takes about a quarter of an hour on 285
+# recordings and two cores; `paper` takes hours, so it runs only if ROWS names it.
 set -euo pipefail
-dataset=${1:?name a dataset folder; see the beginning of this script}
-other=${2:-}
+: "${1:?name dataset folders; see the beginning of this script}"
+other=${OTHER:-}
+datasets=("$@")
 seeds=${SEEDS:-1}
 folds=${FOLDS:-5}
 results=${RESULTS:-$(mktemp -d)}
@@ -20,8 +22,13 @@ bin=${BIN:-$(dirname "$0")/../../build/release/bin}
 mkdir -p "$results"
 
 declare -A settings=(
+  [paper]='{"preset": "paper"}'
+  [literal]='{"preset": "literal"}'
   [compact]='{"preset": "compact"}'
   [lanes-metres]='{"preset": "lanes-metres"}'
+  [absolute]='{"preset": "lanes", "model": {"reference": "TRAJECTORY_REFERENCE_NONE"}, "optimization": {"mixture_placement": "MIXTURE_PLACEMENT_VELOCITY_CLUSTERS"}}'
+  [no-geometry]='{"preset": "lanes", "model": {"action_geometry": {"pair_width": 0}}}'
+  [table-covariance]='{"preset": "lanes", "optimization": {"decoder_covariance": "DECODER_COVARIANCE_LEARNED"}}'
   [history]='{"preset": "lanes", "model": {"scene_vectors": {"path_width": 0, "agent_width": 0}, "action_geometry": {"pair_width": 0}}}'
   [no-agents]='{"preset": "lanes", "model": {"scene_vectors": {"agent_width": 0}}}'
   [relative]='{"preset": "lanes", "model": {"mean_residual": false}}'
@@ -34,14 +41,15 @@ declare -A settings=(
   [fifty-actions]='{"preset": "lanes", "model": {"actions": 50}}'
   [lanes]='{"preset": "lanes"}'
 )
-rows=${ROWS:-compact lanes-metres history no-agents relative gaussian no-noise sparse lanes}
+rows=${ROWS:-literal compact lanes-metres absolute history no-agents no-geometry relative gaussian
+  table-covariance no-noise sparse printed no-decay lanes}
 
 run_row() { # row
   local row=$1 running=0
   echo "${settings[$row]}" >"$results/$row.settings.json"
   for fold in $(seq "$folds"); do
     [ -s "$results/$row.$fold.part" ] && continue
-    OMP_NUM_THREADS=1 "$bin/maneuver-trainer" cross-validate --dataset "$dataset" \
+    OMP_NUM_THREADS=1 "$bin/maneuver-trainer" cross-validate --dataset "${datasets[@]}" \
       ${other:+--test-dataset "other=$other"} --settings "$results/$row.settings.json" \
       --folds "$folds" --seeds "$seeds" --only-fold "$fold" --part "$results/$row.$fold.part" \
       --threads 1 --progress none >"$results/$row.$fold.log" 2>&1 &
@@ -59,16 +67,23 @@ done
 python3 - "$results" $rows <<'PYTHON'
 import json, sys
 results, rows = sys.argv[1], sys.argv[2:]
-metrics = ['ade_ratio', 'min_ade_6', 'min_fde_6', 'miss_rate_6', 'nll', 'calibration_error', 'coverage_2sigma', 'ade_medoid_ratio']
+accuracy = ['ade_ratio', 'ade_medoid_ratio', 'min_ade_6', 'min_fde_6', 'miss_rate_6', 'nll', 'calibration_error', 'coverage_2sigma']
+meaning = ['effective_actions', 'action_perplexity', 'mutual_information', 'nmi_kinematic', 'nmi_relative', 'class_information_kinematic',
+           'class_information_relative', 'named_share_relative', 'named_share_motion', 'mean_sigma_ratio']
 reports = {row: json.load(open(f'{results}/{row}.json')) for row in rows}
-for number in range(len(next(iter(reports.values()))['sets'])):
-    print('\n| row | ' + ' | '.join(metrics) + ' |\n|---' * 1 + '|---' * len(metrics) + '|')
+
+def table(number, metrics, where, low, high):
+    print('\n| row | ' + ' | '.join(metrics) + ' |\n|---' + '|---' * len(metrics) + '|')
     for row, report in reports.items():
-        held = report['sets'][number]
-        cells = []
-        for metric in metrics:
-            e = held['overall']['metrics'].get(metric)
-            cells.append(f"{e['value']:.3f} ({e['lower']:.3f} to {e['upper']:.3f})" if e else '')
-        print(f"| {row} | " + ' | '.join(cells) + ' |')
-    print(f"\n{held.get('name') or 'held-out folds'}: {held['recordings']} recordings in {held['groups']} groups.")
+        found = where(report['sets'][number])
+        cells = [found.get(metric) for metric in metrics]
+        cells = [f"{c['value']:.3f} ({c[low]:.3f} to {c[high]:.3f})" if c else '' for c in cells]
+        print(f'| {row} | ' + ' | '.join(cells) + ' |')
+
+for number, held in enumerate(next(iter(reports.values()))['sets']):
+    print(f"\n{held.get('name') or 'Held-out folds'}: {held['recordings']} recordings in {held['groups']} groups.")
+    print('Means with 95 % intervals over the groups:')
+    table(number, accuracy, lambda s: s['overall']['metrics'], 'lower', 'upper')
+    print('\nWhat the actions mean, with the smallest and the largest of the models:')
+    table(number, meaning, lambda s: s['set_metrics'], 'smallest', 'largest')
 PYTHON

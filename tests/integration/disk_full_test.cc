@@ -84,6 +84,10 @@ class DiskFullTest : public ::testing::Test {
             "--detach"};
   }
 
+  static std::vector<std::string> Tag() {
+    return {"tag", "town", "--model", "tiny/1", "--on-server", "june"};
+  }
+
   void FillDisk() const {
     std::ofstream ballast(data_dir() / "ballast", std::ios::binary);
     for (const size_t piece : {size_t{1} << 20, size_t{1} << 12}) {
@@ -157,6 +161,8 @@ TEST_F(DiskFullTest, LosesNothingAndContinuesTheJobOnceThereIsRoom) {
               HasSubstr("delete datasets or models"));
   EXPECT_EQ(status_, 1);
   EXPECT_THAT(Maneuver({"model", "promote", "tiny/1"}), HasSubstr("full"));
+  EXPECT_THAT(Maneuver(Tag()), HasSubstr("full"));
+  EXPECT_EQ(status_, 1);
   EXPECT_TRUE(WaitFor([&] { return server_->Trainers().empty(); }, std::chrono::seconds(60)));
   EXPECT_TRUE(Predicts());
 
@@ -176,6 +182,8 @@ TEST_F(DiskFullTest, LosesNothingAndContinuesTheJobOnceThereIsRoom) {
               HasSubstr("24 recordings"));
   Maneuver({"model", "promote", "tiny/1"});
   EXPECT_EQ(status_, 0);
+  const std::string tagged = Maneuver(Tag());
+  EXPECT_EQ(status_, 0) << tagged;
   EXPECT_TRUE(Predicts());
 }
 
