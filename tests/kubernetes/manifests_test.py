@@ -37,6 +37,11 @@ def render(overlay):
     return list(yaml.safe_load_all(done.stdout))
 
 
+def bytes_of(size):
+    """size: 512MiB, or 2Gi as Kubernetes writes it."""
+    return int(re.match(r"\d+", size)[0]) * {"Mi": 2 ** 20, "Gi": 2 ** 30}[re.search(r"[MG]i", size)[0]]
+
+
 def settings_of(configuration):
     lines = [line.split("#")[0].strip() for line in configuration.splitlines()]
     return dict(re.split(r"\s*=\s*", line, maxsplit=1) for line in lines if line)
@@ -128,6 +133,11 @@ class ManifestsTest(unittest.TestCase):
             self.assertEqual(overlay.server["readinessProbe"]["httpGet"], {"path": path, "port": "metrics"})
             for probe in ("livenessProbe", "startupProbe"):
                 self.assertEqual(overlay.server[probe]["httpGet"], {"path": "/healthz", "port": "metrics"})
+
+    def test_the_server_keeps_within_the_memory_of_its_container(self):
+        for overlay in self.for_each():
+            limit = bytes_of(settings_of(overlay.configuration)["memory-limit"])
+            self.assertLessEqual(limit, 3 / 4 * bytes_of(overlay.server["resources"]["limits"]["memory"]))
 
     def test_a_data_folder_is_of_one_server(self):
         for overlay in self.for_each():

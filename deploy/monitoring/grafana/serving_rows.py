@@ -136,6 +136,11 @@ def queue():
                "limit calls are refused: some callers read too slowly.",
                [query("sum(maneuver_send_memory_bytes{SERVER})", "answers"),
                 query("sum(maneuver_send_memory_limit_bytes{SERVER})", "limit")], "bytes", least=0),
+        curves("How near is the limit of the memory?",
+               "Memory of each server without pages of files, and --memory-limit, if it has one. From 80 % of it on, calls are refused "
+               "with MEMORY_FULL; from 90 % on, the connections that sent the most are closed.",
+               [query("maneuver_memory_bytes{SERVER}", "{{instance}}"),
+                query("min(maneuver_memory_limit_bytes{SERVER})", "limit")], "bytes", least=0),
         curves("Do the registered maps fit?",
                "Scenarios a second that named a map, and maps let go of. Misses that keep coming: raise --max-maps or --max-map-bytes.",
                [query("sum by (result) (rate(maneuver_map_lookups_total{SERVER}[RATE]))", "{{result}}"),

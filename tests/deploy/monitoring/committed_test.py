@@ -22,7 +22,9 @@ METRICS = {name for page in ("metrics_page.txt", "shadow_metrics_page.txt", "out
            for name in re.findall(r"^(\w+)(?:\{.*)?$", (REPOSITORY / "tests/integration" / page).read_text(), re.MULTILINE)}
 # Not on the page of a server without TLS, models and PostgreSQL.
 METRICS |= {"maneuver_tls_certificate_expiry_timestamp_seconds", "maneuver_model_version", "maneuver_store_available",
-            "maneuver_jobs_without_worker", "up"}
+            "maneuver_jobs_without_worker", "up",
+            # Of a server with --memory-limit.
+            "maneuver_memory_bytes", "maneuver_memory_limit_bytes", "maneuver_memory_refusals_total"}
 
 
 def unknown_metrics(expr):

@@ -69,7 +69,8 @@ class LiveTest(unittest.TestCase):
         folder = tempfile.TemporaryDirectory()
         cls.addClassCleanup(folder.cleanup)
         cls.folder = pathlib.Path(folder.name)
-        cls.server = Server(PROGRAMS, cls.folder, ["--workers", "1", "--shadow-fraction", "1", "--max-queue", "64", "--outcome-memory", "64KiB"])
+        cls.server = Server(PROGRAMS, cls.folder, ["--workers", "1", "--shadow-fraction", "1", "--max-queue", "64",
+                                                  "--outcome-memory", "64KiB", "--memory-limit", "2GiB"])
         cls.addClassCleanup(cls.server.stop)
         cls.prometheus = Prometheus(cls.folder, cls.server.metrics)
         cls.addClassCleanup(cls.prometheus.stop)
