@@ -130,6 +130,10 @@ void AddSecurityFlags(CLI::App& app, SecurityFlags* flags, ServerOptions* option
   app.add_option("--max-message", flags->max_message_mib, "Largest message accepted, MiB")
       ->check(CLI::Range(1, 1024))
       ->capture_default_str();
+  app.add_option("--max-connections", options->limits.max_connections,
+                 "Most connections; the newest of more are closed")
+      ->check(CLI::Range(1, 1'000'000))
+      ->capture_default_str();
   app.add_option("--max-streams", options->limits.max_streams,
                  "Most calls at once on one connection")
       ->check(CLI::Range(1, 1'000'000))

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <functional>
+#include <iterator>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -104,6 +105,24 @@ ReceivedBytes::Totals ReceivedBytes::Read() const {
     totals[descriptor] = static_cast<int64_t>(InfoOf(descriptor).tcpi_bytes_received);
   });
   return totals;
+}
+
+int ConnectionLimit::Enforce() {
+  std::error_code error;
+  const std::filesystem::directory_iterator files("/proc/self/fd", error);
+  if (error || std::distance(begin(files), end(files)) <= most_) return 0;
+  std::vector<std::pair<int, std::string>> open;  // descriptor and peer
+  ForEachConnection(port_, [&open](int descriptor) {
+    if (InfoOf(descriptor).tcpi_state == kEstablished) {
+      open.emplace_back(descriptor, PeerOfConnection(descriptor));
+    }
+  });
+  std::ranges::sort(open);
+  std::ranges::stable_partition(open, [this](const auto& each) { return known_.contains(each); });
+  const size_t stay = std::min(open.size(), static_cast<size_t>(most_));
+  for (size_t i = stay; i < open.size(); ++i) shutdown(open[i].first, SHUT_RDWR);
+  known_ = {open.begin(), open.begin() + static_cast<std::ptrdiff_t>(stay)};
+  return static_cast<int>(open.size() - stay);
 }
 
 void ReceivedBytes::Note(std::chrono::steady_clock::time_point now) {

@@ -7,7 +7,9 @@
 #include <chrono>
 #include <cstdint>
 #include <map>
+#include <set>
 #include <string>
+#include <utility>
 
 namespace maneuver::rpc {
 
@@ -58,6 +60,25 @@ class ReceivedBytes {
   Totals latest_;
   Totals before_;  // a second earlier
   std::chrono::steady_clock::time_point noted_{};
+};
+
+// Keeps a port from having too many connections. gRPC accepts every connection and knows no limit,
+// so those that are too many are shut down. Not thread-safe.
+class ConnectionLimit {
+ public:
+  //   port: on which the connections were accepted
+  //   most: connections that stay
+  ConnectionLimit(int port, int most) : port_(port), most_(most) {}
+
+  // Shuts down connections until `most` are left. The newest go: first those that an earlier call
+  // did not see, and of them those with the highest descriptors. Returns how many it shut down.
+  // Takes little time while this process has few open files.
+  int Enforce();
+
+ private:
+  const int port_;
+  const int most_;
+  std::set<std::pair<int, std::string>> known_;  // descriptor and peer of those that stayed
 };
 
 }  // namespace maneuver::rpc

@@ -125,9 +125,20 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(
   const bool refuses_predictions = std::ranges::any_of(services, [](const NamedService& service) {
     return service.name == kPredictionService && !service.refusal.ok();
   });
-  return std::unique_ptr<Server>(new Server(
+  std::unique_ptr<Server> started(new Server(
       std::move(server), {address.host, port}, refuses_predictions, std::move(small),
       std::move(health), std::move(guarded), std::move(reflection), std::move(credentials)));
+  started->LimitConnections(
+      limits.max_connections,
+      metrics.AddCounter("maneuver_refused_connections_total",
+                         "Connections closed because there were more than --max-connections."));
+  return started;
+}
+
+void Server::LimitConnections(int most, monitoring::Counter& refused) {
+  limiter_ = std::thread([this, limit = ConnectionLimit(address_.port, most), &refused]() mutable {
+    while (!stop_.StoppedWithin(std::chrono::milliseconds(250))) refused.Increment(limit.Enforce());
+  });
 }
 
 Server::Server(std::unique_ptr<grpc::Server> server, security::ListenAddress address,
@@ -145,7 +156,11 @@ Server::Server(std::unique_ptr<grpc::Server> server, security::ListenAddress add
       credentials_(std::move(credentials)),
       server_(std::move(server)) {}
 
-Server::~Server() { server_->Shutdown(std::chrono::system_clock::now()); }
+Server::~Server() {
+  stop_.Stop();
+  limiter_.join();
+  server_->Shutdown(std::chrono::system_clock::now());
+}
 
 void Server::SetPredictionsReady(bool ready) {
   health_->Set(kPredictionService, ready && !refuses_predictions_);

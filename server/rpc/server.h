@@ -9,9 +9,11 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <thread>
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "locks/stop_latch.h"
 #include "server/monitoring/metrics.h"
 #include "server/rpc/guarded_service.h"
 #include "server/rpc/poll_heartbeat.h"
@@ -32,6 +34,7 @@ class SmallMessages;
 // Limits of connections and messages.
 struct ConnectionLimits {
   int max_message_bytes = 64 << 20;
+  int max_connections = 4096;          // the newest of more are closed, before any authentication
   int max_streams = 256;               // calls at once on one connection; more wait for their turn
   std::chrono::seconds max_idle{900};  // without a call; then the client has to connect again
   // A connection this old accepts no more calls. Its calls in progress continue, and the client
@@ -85,6 +88,8 @@ class Server {
   void Shutdown(std::chrono::system_clock::time_point deadline);
 
  private:
+  void LimitConnections(int most, monitoring::Counter& refused);
+
   Server(std::unique_ptr<grpc::Server> server, security::ListenAddress address,
          bool refuses_predictions, std::unique_ptr<SmallMessages> small,
          std::unique_ptr<HealthService> health,
@@ -102,6 +107,8 @@ class Server {
   const std::shared_ptr<grpc::ServerCredentials> credentials_;
   const std::unique_ptr<grpc::Server> server_;
   const PollHeartbeat heartbeat_;
+  StopLatch stop_;
+  std::thread limiter_;  // of connections
 };
 
 }  // namespace maneuver::rpc

@@ -67,9 +67,9 @@ done
 python3 - "$results" $rows <<'PYTHON'
 import json, sys
 results, rows = sys.argv[1], sys.argv[2:]
-accuracy = ['ade_ratio', 'ade_medoid_ratio', 'min_ade_6', 'min_fde_6', 'miss_rate_6', 'nll', 'calibration_error', 'coverage_2sigma']
+accuracy = ['ade_ratio', 'ade_medoid_ratio', 'min_ade_6', 'min_fde_6', 'miss_rate_6', 'nll', 'calibration_error', 'coverage_2sigma', 'mean_sigma_ratio']
 meaning = ['effective_actions', 'action_perplexity', 'mutual_information', 'nmi_kinematic', 'nmi_relative', 'class_information_kinematic',
-           'class_information_relative', 'named_share_relative', 'named_share_motion', 'mean_sigma_ratio']
+           'class_information_relative', 'named_share_relative', 'named_share_motion']
 reports = {row: json.load(open(f'{results}/{row}.json')) for row in rows}
 
 def table(number, metrics, where, low, high):

@@ -118,9 +118,14 @@ def watches(count):
                    + frame(DATA, END_STREAM, stream(i), message(b"")))
 
 
+def idle(count):
+    """A connection that begins and then says nothing: for many connections."""
+    yield frame(SETTINGS, 0, 0)
+
+
 FLOODS = {flood.__name__.replace("_", "-"): flood for flood in (
     ping, settings, rapid_reset, continuation, empty_continuation, header_size, header_bomb, windows, priority, empty_data,
-    half_messages, open_calls, watches)}
+    half_messages, open_calls, watches, idle)}
 UNREAD = ("ping", "settings", "windows")
 
 

@@ -93,8 +93,7 @@ class Connection:
                 self.sent_bytes += count
                 data = data[count:]
             except (BlockingIOError, ssl.SSLWantReadError, ssl.SSLWantWriteError):
-                wants = [self._socket] if self.reads else []
-                select.select(wants, [self._socket], [], min(left, 0.1))
+                self._wait(select.POLLOUT | (select.POLLIN if self.reads else 0), min(left, 0.1))
                 if not self.reads and self._was_reset():
                     self.closed = True
             except OSError:
@@ -108,13 +107,19 @@ class Connection:
     def wait_for_end(self, until):
         """Reads until the peer closes the connection. Returns whether it did so before `until`."""
         while not self.closed and time.monotonic() < until:
-            select.select([self._socket], [], [], max(0, min(0.1, until - time.monotonic())))
+            self._wait(select.POLLIN, min(0.1, until - time.monotonic()))
             self.drain()
         return self.closed
 
     def close(self):
         if hasattr(self, "_socket"):
             self._socket.close()
+
+    def _wait(self, events, seconds):
+        """Not by select, which knows no descriptors above 1,023."""
+        poll = select.poll()
+        poll.register(self._socket, events)
+        poll.poll(1000 * max(0, seconds))
 
     def _was_reset(self):
         """Returns whether the peer has reset a connection that nobody reads."""

@@ -6,6 +6,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <string>
 
@@ -97,6 +98,29 @@ TEST_F(OpenConnectionsTest, ForgetsWhatAConnectionReceivedSecondsAgo) {
   EXPECT_EQ(received.CutOffLargest(1000), 1);
   EXPECT_TRUE(now.IsCutOff());
   EXPECT_FALSE(earlier.IsCutOff());
+}
+
+TEST_F(OpenConnectionsTest, ShutsTheNewestConnectionsDownIfThereAreTooMany) {
+  Connection first, second, third, fourth;
+  ConnectionLimit limit(ntohs(address_.sin_port), 2);
+  for (Connection* each : {&first, &second}) Connect(*each);
+  EXPECT_EQ(limit.Enforce(), 0);
+  for (Connection* each : {&third, &fourth}) Connect(*each);
+  EXPECT_EQ(limit.Enforce(), 2);
+  EXPECT_TRUE(third.IsCutOff() && fourth.IsCutOff());
+  EXPECT_FALSE(first.IsCutOff() || second.IsCutOff());
+  EXPECT_EQ(limit.Enforce(), 0) << "they are shut down already";
+
+  // One with a lower descriptor than a connection that was there before it is newer, too.
+  const int lower = first.accepted;
+  close(first.caller);
+  close(first.accepted);
+  Connection last;
+  Connect(first);
+  Connect(last);
+  EXPECT_LT(std::min(first.accepted, last.accepted), second.accepted) << lower << " is free";
+  EXPECT_EQ(limit.Enforce(), 1);
+  EXPECT_FALSE(second.IsCutOff());
 }
 
 TEST_F(OpenConnectionsTest, TellsWhatTheConnectionOfACallerReceived) {

@@ -6,6 +6,7 @@
 #include <atomic>
 #include <latch>
 #include <limits>
+#include <list>
 #include <stop_token>
 #include <thread>
 
@@ -838,6 +839,32 @@ TEST_F(ServerTest, ShutsDownInTimeEvenIfACallerDoesNotRead) {
   const auto start = std::chrono::steady_clock::now();
   server_->Shutdown(std::chrono::system_clock::now() + std::chrono::milliseconds(200));
   EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(5));
+}
+
+TEST_F(ServerTest, ClosesConnectionsIfThereAreTooManyAndAnswersOnTheOthers) {
+  Publish();
+  const auto server = Server::Start(
+      {"127.0.0.1", 0}, {{v1::PredictionService::service_full_name(), predictions_.get()}},
+      *access_, *metrics_, nullptr, {.max_connections = 2});
+  ASSERT_TRUE(server.ok()) << server.status();
+  std::list<integration::RawHttp2> connections;
+  for (int i = 0; i < 5; ++i) {
+    connections.emplace_back((*server)->address().ToString());
+    connections.back().SendPreface();
+    connections.back().SendSettings();
+  }
+  int closed = 0;
+  const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+  while (closed < 3 && std::chrono::steady_clock::now() < end) {
+    closed += static_cast<int>(std::erase_if(connections, [](integration::RawHttp2& connection) {
+      return connection.Read(1, std::chrono::milliseconds(50), true).closed;
+    }));
+  }
+  EXPECT_EQ(closed, 3);
+  integration::RawHttp2& left = connections.front();
+  left.OpenCall(1, "/maneuver.v1.PredictionService/Predict");
+  left.SendMessage(1, OneScene().SerializeAsString());
+  EXPECT_EQ(left.Read(1, std::chrono::seconds(20), true).messages, 1);
 }
 
 TEST_F(ServerTest, AcceptsADeadlineCenturiesAhead) {
