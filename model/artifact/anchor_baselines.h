@@ -10,7 +10,7 @@
 // (Chai et al., CoRL 2019): the same, plus an offset and a Gaussian for each anchor and waypoint.
 // The anchors of both are k-means centres of training trajectories. Their tensors:
 //
-//   backbone.*, history.*, lane_path.*, join.*, action_predictor.*
+//   backbone.*, history.*, lane_path.*, agent.*, join.*, action_predictor.*
 //                                      as in tensor.h, with K logits
 //   anchors.mean                       [K, T, 2] metres, target frame, relative to the spec's
 //                                      reference

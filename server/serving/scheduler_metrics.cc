@@ -7,7 +7,7 @@ monitoring::Histogram& StageHistogram(monitoring::MetricRegistry& registry, cons
   return registry.AddHistogram(
       "maneuver_stage_duration_seconds",
       "Time a target waits in the queue, and time a batch takes in each stage: raster, vectors "
-      "(history and lane paths), whichever the model reads, encode and describe.",
+      "(history, lane paths and agents nearby), whichever the model reads, encode and describe.",
       monitoring::TimeBuckets(), {{"stage", stage}});
 }
 
