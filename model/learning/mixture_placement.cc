@@ -224,10 +224,12 @@ PlacedMixture PlaceLabelledMixture(v1::MixturePlacement placement, const Encoded
     if (value >= 0) known_labels.push_back(value);
   }
   PlacedMixture placed = PlacedByClusters(known_labels, Rows(examples.q_z, known), labelled);
-  if (labelled == actions || unknown.size(0) < actions) return placed;
+  if (labelled == actions) return placed;
+  const at::Tensor others =
+      unknown.size(0) < actions ? at::arange(label.size(0), at::kLong) : unknown;
   const PlacedMixture rest = PlaceMixture(
       placement,
-      {examples.trajectories.index_select(0, unknown), examples.scale, Rows(examples.q_z, unknown)},
+      {examples.trajectories.index_select(0, others), examples.scale, Rows(examples.q_z, others)},
       actions - labelled, seed);
   return {{at::cat({placed.components.mean, rest.components.mean}),
            at::cat({placed.components.log_variance, rest.components.log_variance})},

@@ -44,7 +44,8 @@ at::Tensor ClusterSpace(v1::MixturePlacement placement, const at::Tensor& trajec
 at::Tensor NearestClusters(v1::MixturePlacement placement, const at::Tensor& centers,
                            const at::Tensor& trajectories, const TrajectoryScale& scale);
 
-// Returns a mixture of `actions` components. The same seed gives the same mixture.
+// Returns a mixture of `actions` components. The same seed gives the same mixture. If there are
+// fewer different trajectories than actions, the components of empty clusters are N(0, I).
 //   TRAJECTORY_CLUSTERS  k-means on the trajectories, in a space that compresses large distances
 //                        and counts lateral ones twice. In plain metres nearly all clusters would
 //                        differ only in the speed of going straight, which q(z|y,s) knows from the
@@ -52,7 +53,8 @@ at::Tensor NearestClusters(v1::MixturePlacement placement, const at::Tensor& cen
 //   VELOCITY_CLUSTERS    k-means on the velocities along the trajectories, with compressed speeds
 //                        (ln(1 + v / slow)): clusters differ by what is done, not by where it leads
 //   DEPARTURE_CLUSTERS   k-means on the positions at t = 0.5 s, 1 s, ..., each divided by
-//                        sqrt(t + 0.5 s); for trajectories relative to a reference
+//                        sqrt(t + 0.5 s); for trajectories relative to a reference. Takes every
+//                        n-th waypoint, n the number of intervals nearest to 0.5 s
 //   RANDOM               means from N(0, I), variances 1
 //   UNIFORM              means drawn uniformly from the box around the encodings
 //   ENCODED_POINTS       means at the encodings of random examples
@@ -64,7 +66,7 @@ PlacedMixture PlaceMixture(v1::MixturePlacement placement, const EncodedExamples
 
 // Places the first `labelled` components at the examples of labels 0 .. labelled-1 (mean and
 // variance of their encodings), and the others as PlaceMixture does, by the examples without a
-// label.
+// label. If there are fewer of these than actions, it places the others by all examples.
 //   labels: [N], -1 where there is none
 PlacedMixture PlaceLabelledMixture(v1::MixturePlacement placement, const EncodedExamples& examples,
                                    const std::vector<int>& labels, int labelled, int actions,

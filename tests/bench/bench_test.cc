@@ -8,6 +8,8 @@
 #include <fstream>
 #include <sstream>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "tests/bench/answer_digest.h"
 #include "tests/bench/bench_model.h"
@@ -93,6 +95,23 @@ TEST(BenchTest, Bf16StaysCloseToF32OnRecordedScenes) {
   EXPECT_EQ(
       ChangeFromF32(WithPrecision(model, inference::Precision::kF32), scenes).largest_probability,
       0.0);
+}
+
+// Small models that learned from the town's traffic.
+TEST(BenchTest, Bf16StaysCloseToF32ForTrainedLanes) {
+  if (!inference::ProcessorHasBf16()) GTEST_SKIP() << "this processor does not compute with bf16";
+  std::vector<v1::Scenario> scenes = TownScenes(kLargestBatch, 12);
+  for (v1::Scenario& scene : WaymoScenes(kLargestBatch, 12)) scenes.push_back(std::move(scene));
+  for (const char* name : {"2026-11-lanes", "2026-11-lanes-agents"}) {
+    const auto trained = FolderBenchModel(fs::path(EARLIER_MODELS) / name);
+    ASSERT_TRUE(trained.ok()) << trained.status();
+    const PrecisionChange change =
+        ChangeFromF32(WithPrecision(*trained, inference::Precision::kBf16), scenes);
+    EXPECT_GE(change.targets, 40) << name;
+    EXPECT_GT(change.largest_probability, 0.0) << name;  // or one was compared with itself
+    EXPECT_LT(change.largest_probability, 0.01) << name;
+    EXPECT_LT(change.mean_probability, 0.001) << name;
+  }
 }
 
 class PipelineTest : public testing::TestWithParam<const char*> {};

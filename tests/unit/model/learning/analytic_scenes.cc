@@ -117,6 +117,33 @@ std::vector<v1::Scenario> WalkRecordings(int count) {
   return recordings;
 }
 
+std::vector<v1::Scenario> AmongPedestrians(std::vector<v1::Scenario> recordings) {
+  int place = 0;
+  for (v1::Scenario& recording : recordings) {
+    for (int i = 0; i < place % 16; ++i) {
+      v1::Agent& walker = *recording.add_agents();
+      walker.set_id(10 + i);
+      walker.set_type(v1::AGENT_TYPE_PEDESTRIAN);
+      walker.set_length(0.6 + 0.02 * i);
+      walker.set_width(0.7);
+      const double direction = 0.7 * (place + i);
+      const auto velocity_x = static_cast<float>(1.3 * std::cos(direction));
+      const auto velocity_y = static_cast<float>(1.3 * std::sin(direction));
+      for (const v1::AgentState& seen : recording.agents(0).states()) {
+        v1::AgentState& state = *walker.add_states();
+        state.set_time(seen.time());
+        state.set_x(3.0 * i - 5.0 + velocity_x * seen.time());
+        state.set_y((i % 2 == 0 ? 4.0 : -6.0) + velocity_y * seen.time());
+        state.set_heading(static_cast<float>(direction));
+        state.set_velocity_x(velocity_x);
+        state.set_velocity_y(velocity_y);
+      }
+    }
+    ++place;
+  }
+  return recordings;
+}
+
 v1::TrainingSettings TinySettings() {
   v1::TrainingSettings settings;
   v1::ModelSpec& model = *settings.mutable_model();

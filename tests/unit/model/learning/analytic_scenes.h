@@ -33,6 +33,9 @@ std::vector<v1::Scenario> ArcRecordings(int count, double duration = 8.0);
 // drives beside it.
 std::vector<v1::Scenario> WalkRecordings(int count);
 
+// `recordings`, in which up to 15 pedestrians walk about beside the vehicle: more than are read.
+std::vector<v1::Scenario> AmongPedestrians(std::vector<v1::Scenario> recordings);
+
 // Complete settings that train in seconds: 3 s horizon, 6 actions.
 v1::TrainingSettings TinySettings();
 

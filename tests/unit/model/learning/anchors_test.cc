@@ -22,6 +22,7 @@
 #include "model/learning/trainer.h"
 #include "model/learning/validation.h"
 #include "model/scene/rasterizer.h"
+#include "model/scene/scene_reader.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
 #include "tests/unit/model/scene/raster_of.h"
 #include "tests/unit/temporary_folder.h"
@@ -284,6 +285,41 @@ TEST_F(BaselinesTest, AlteredBaselinesAreRefusedButTheModelStillServes) {
   EXPECT_EQ(inference::LoadAnchorBaselines(model, {}).status().code(), absl::StatusCode::kNotFound);
 }
 
+// A baseline of random weights all over: an untrained last layer would say next to nothing.
+AnchorNetworks RandomBaseline(const v1::ModelSpec& model, const Anchors& anchors, bool regresses,
+                              at::Generator& generator) {
+  at::NoGradGuard no_grad;
+  AnchorNetworks networks(model, anchors, regresses, at::kCPU, generator);
+  for (at::Tensor& parameter : networks.Parameters()) {
+    parameter.add_(at::empty_like(parameter).normal_(0.0, 0.1, generator));
+  }
+  if (regresses) networks.SetScale(at::linspace(0.5, 1.5, 10, at::kFloat));
+  networks.SetTemperature(1.7);
+  return networks;
+}
+
+// Holds what the engine says about a scene against what LibTorch says about example i of a batch.
+//   reference: of the scene, [T, 2]
+void ExpectAgreement(const AnchorPredictions& expected, int64_t i, const at::Tensor& reference,
+                     const inference::SceneEncoding& encoding,
+                     const std::vector<inference::ActionDistribution>& actual) {
+  for (int64_t k = 0; k < 6; ++k) {
+    const auto& own = actual[static_cast<size_t>(k)];
+    EXPECT_NEAR(encoding.probabilities[k], expected.log_probabilities[i][k].exp().item<double>(),
+                1e-4);
+    for (int64_t t = 0; t < 10; ++t) {
+      for (int64_t axis = 0; axis < 2; ++axis) {
+        const double mean = (expected.mean[i][k][t][axis] + reference[t][axis]).item<double>();
+        EXPECT_NEAR(own.moment_mean(t, axis), mean, 1e-4 * (1.0 + std::abs(mean)));
+      }
+      for (int64_t c = 0; c < 3; ++c) {
+        const double covariance = expected.covariance[i][k][t][c].item<double>();
+        EXPECT_NEAR(own.moment_covariance(t, c), covariance, 1e-4 * (1.0 + std::abs(covariance)));
+      }
+    }
+  }
+}
+
 TEST_F(BaselinesTest, TheEngineAgreesWithLibTorch) {
   v1::TrainingSettings settings = TinySettings();
   settings.mutable_model()->set_target_motion(true);
@@ -297,13 +333,7 @@ TEST_F(BaselinesTest, TheEngineAgreesWithLibTorch) {
   const at::Tensor motions = batch.scenes.motions;
   for (const bool regresses : {false, true}) {
     at::NoGradGuard no_grad;
-    AnchorNetworks networks(settings.model(), anchors, regresses, at::kCPU, generator);
-    // Random weights all over: an untrained last layer would say next to nothing.
-    for (at::Tensor& parameter : networks.Parameters()) {
-      parameter.add_(at::empty_like(parameter).normal_(0.0, 0.1, generator));
-    }
-    if (regresses) networks.SetScale(at::linspace(0.5, 1.5, 10, at::kFloat));
-    networks.SetTemperature(1.7);
+    AnchorNetworks networks = RandomBaseline(settings.model(), anchors, regresses, generator);
     const AnchorPredictions expected = networks.Predict(batch.scenes, {});
     const auto model = inference::AnchorModel::Make(networks.spec(), networks.Export(),
                                                     {inference::Precision::kF32});
@@ -318,28 +348,66 @@ TEST_F(BaselinesTest, TheEngineAgreesWithLibTorch) {
       std::copy_n(motions[i].data_ptr<float>(), scene.motion.size(), scene.motion.begin());
       inference::SceneEncoding encoding;
       session->Encode({&scene, 1}, {&encoding, 1});
-      const auto distributions = (*model)->Describe(encoding, &scratch);
-      for (int64_t k = 0; k < 6; ++k) {
-        const auto& own = distributions[static_cast<size_t>(k)];
-        EXPECT_NEAR(encoding.probabilities[k],
-                    expected.log_probabilities[i][k].exp().item<double>(), 1e-4);
-        for (int64_t t = 0; t < 10; ++t) {
-          for (int64_t axis = 0; axis < 2; ++axis) {
-            const double mean = expected.mean[i][k][t][axis].item<double>();
-            EXPECT_NEAR(own.moment_mean(t, axis), mean, 1e-4 * (1.0 + std::abs(mean)));
-          }
-          for (int64_t c = 0; c < 3; ++c) {
-            const double covariance = expected.covariance[i][k][t][c].item<double>();
-            EXPECT_NEAR(own.moment_covariance(t, c), covariance,
-                        1e-4 * (1.0 + std::abs(covariance)));
-          }
-        }
-      }
+      ExpectAgreement(expected, i, at::zeros({10, 2}), encoding,
+                      (*model)->Describe(encoding, &scratch));
       const at::Tensor x = batch.trajectories;
       const Eigen::Map<const Eigen::Matrix<float, Eigen::Dynamic, 2, Eigen::RowMajor>> truth(
           x[i].data_ptr<float>(), 10, 2);
       EXPECT_EQ((*model)->Nearest(encoding, truth.cast<double>()),
                 NearestAnchor(networks.anchors(), x)[i].item<int64_t>());
+    }
+  }
+}
+
+// From the recordings on: history, lane paths and agents, with a reference and without.
+TEST(VectorBaselinesTest, TheEngineAgreesWithLibTorch) {
+  constexpr int64_t kExamples = 6;
+  for (const char* preset : {"lanes", "lanes-metres"}) {
+    const v1::TrainingSettings settings = TinyLanesSettings(preset);
+    const TrainingData data = *SplitRecordings(AmongPedestrians(ArcRecordings(72)), settings);
+    at::Generator generator = MakeGenerator(3);
+    const Anchors anchors = PlaceAnchors(Trajectories(data.training.examples), 6, true, 1);
+    const std::vector<SceneLoader::Item> items = DrawItems(data.validation, kExamples);
+    const SceneSource source(settings.model(), data.validation, 1);
+    SceneLoader loader(settings.model(), source, items, kExamples, 1);
+    const SceneLoader::Batch batch = *loader.Next();
+    EXPECT_GT(batch.scenes.path_mask.sum().item<double>(), 0.0);
+    EXPECT_GT(batch.scenes.agent_mask.sum().item<double>(), 0.0);
+    const at::Tensor references = batch.scenes.references.defined()
+                                      ? batch.scenes.references.view({kExamples, 10, 2})
+                                      : at::zeros({kExamples, 10, 2});
+    EXPECT_EQ(references.abs().max().item<double>() > 1.0, std::string(preset) == "lanes");
+    scene::SceneReader reader(settings.model());
+    scene::SceneInputs inputs = reader.NewInputs();
+    for (const bool regresses : {false, true}) {
+      at::NoGradGuard no_grad;
+      AnchorNetworks networks = RandomBaseline(settings.model(), anchors, regresses, generator);
+      const AnchorPredictions expected = networks.Predict(batch.scenes, {});
+      // Scenes differ, or parity would show little.
+      EXPECT_GT(expected.log_probabilities.exp().var(0).max().item<double>(), 1e-6);
+      const auto model = inference::AnchorModel::Make(networks.spec(), networks.Export(),
+                                                      {inference::Precision::kF32});
+      ASSERT_TRUE(model.ok()) << model.status();
+      const auto session = (*model)->NewSession();
+      inference::MlpScratch scratch;
+      const at::Tensor nearest = NearestAnchor(networks.anchors(), batch.trajectories);
+      for (int64_t i = 0; i < kExamples; ++i) {
+        const data::Example& example =
+            data.validation.examples[static_cast<size_t>(items[static_cast<size_t>(i)].example)];
+        const v1::Scenario& recording =
+            data.validation.recordings[static_cast<size_t>(example.recording)];
+        reader.Read(recording, scene::RoadMap::Over(recording.map_features()), example.time,
+                    example.target_id, example.X_WT, &inputs);
+        const inference::SceneInput scene = inference::InputOf(inputs);
+        inference::SceneEncoding encoding;
+        session->Encode({&scene, 1}, {&encoding, 1});
+        ExpectAgreement(expected, i, references[i], encoding,
+                        (*model)->Describe(encoding, &scratch));
+        const at::Tensor truth = batch.trajectories[i].view({10, 2}) + references[i];
+        inference::Trajectory trajectory(10, 2);
+        std::copy_n(truth.contiguous().data_ptr<float>(), 20, trajectory.data());
+        EXPECT_EQ((*model)->Nearest(encoding, trajectory), nearest[i].item<int64_t>());
+      }
     }
   }
 }

@@ -8,6 +8,7 @@
 #include <map>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "model/data/dataset_folder.h"
@@ -128,6 +129,34 @@ TEST_F(CrossValidationTest, MeasuresEachRecordingOnceByAModelThatNeverSawItsPlac
   EXPECT_EQ(report.sets(0).groups(), kRecordings / 2);
   EXPECT_EQ(report.sets(0).overall().groups(), kRecordings / 2);
   EXPECT_GT(report.sets(0).overall().metrics().at("ade_1").lower(), 0.0);
+}
+
+TEST_F(CrossValidationTest, MeasuresAtTheStrideWhateverTheTrainingStride) {
+  run_.settings.mutable_optimization()->set_pretraining_epochs(1);
+  run_.settings.mutable_optimization()->set_posterior_epochs(0);
+  run_.only_fold = 0;
+  const auto plan = PlanCrossValidation(run_);
+  ASSERT_TRUE(plan.ok()) << plan.status();
+  std::vector<std::set<std::pair<int, double>>> measured;  // recording and time
+  std::vector<int64_t> learned;
+  for (const bool denser : {false, true}) {
+    if (denser) {
+      run_.settings.mutable_examples()->mutable_training_stride()->set_nanos(200'000'000);
+    }
+    run_.models = folder_ / (denser ? "denser" : "models");
+    std::filesystem::create_directories(run_.models);
+    const auto part = CrossValidate(run_, *plan);
+    ASSERT_TRUE(part.ok()) << part.status();
+    ASSERT_EQ(part->runs_size(), 1);
+    learned.push_back(part->runs(0).training_examples());
+    auto& times = measured.emplace_back();
+    for (const v1::MeasuredExample& example : part->runs(0).held_out().examples()) {
+      times.emplace(example.recording(), example.time());
+    }
+  }
+  EXPECT_GT(measured[0].size(), static_cast<size_t>(kRecordings));
+  EXPECT_EQ(measured[0], measured[1]);
+  EXPECT_GT(learned[1], 2 * learned[0]);
 }
 
 TEST_F(CrossValidationTest, SeparateFoldsMergeIntoTheResultOfOneRun) {

@@ -34,6 +34,63 @@ TEST(TrainingDataTest, HoldsOutWholeRecordings) {
   EXPECT_EQ(training.size() + data->validation.recordings.size(), 60u);
 }
 
+// The examples of a set that EnumerateExamples finds at a stride.
+std::vector<double> TimesAtStride(const ExampleSet& set, const v1::TrainingSettings& settings,
+                                  int milliseconds) {
+  v1::ExampleSettings examples = settings.examples();
+  examples.clear_training_stride();
+  examples.mutable_stride()->set_seconds(0);
+  examples.mutable_stride()->set_nanos(1'000'000 * milliseconds);
+  std::vector<double> times;
+  for (const v1::Scenario& recording : set.recordings) {
+    for (const data::Example& example :
+         data::EnumerateExamples(recording, 0, settings.model(), examples)) {
+      times.push_back(example.time);
+    }
+  }
+  return times;
+}
+
+std::vector<double> Times(const ExampleSet& set) {
+  std::vector<double> times;
+  for (const data::Example& example : set.examples) times.push_back(example.time);
+  return times;
+}
+
+std::vector<std::string> Ids(const ExampleSet& set) {
+  std::vector<std::string> ids;
+  for (const v1::Scenario& recording : set.recordings) ids.push_back(recording.scenario_id());
+  return ids;
+}
+
+TEST(TrainingDataTest, TheTrainingStrideIsThatOfTrainingExamplesAlone) {
+  for (v1::TrainingSettings settings : {TinySettings(), TinyLanesSettings()}) {
+    settings.mutable_examples()->mutable_stride()->set_seconds(0);
+    settings.mutable_examples()->mutable_stride()->set_nanos(500'000'000);
+    settings.mutable_examples()->clear_training_stride();
+    const auto without = SplitRecordings(ArcRecordings(24), settings);
+    settings.mutable_examples()->mutable_training_stride()->set_nanos(200'000'000);
+    const auto with = SplitRecordings(ArcRecordings(24), settings);
+    ASSERT_TRUE(without.ok() && with.ok());
+    // The same recordings are held out, at the same times.
+    EXPECT_EQ(Ids(with->training), Ids(without->training));
+    EXPECT_EQ(Ids(with->validation), Ids(without->validation));
+    ASSERT_FALSE(with->validation.examples.empty());
+    EXPECT_EQ(Times(with->validation), Times(without->validation));
+    EXPECT_EQ(Times(with->validation), TimesAtStride(with->validation, settings, 500));
+    // Training examples are those of the other stride, and without one those of the same.
+    EXPECT_EQ(Times(without->training), TimesAtStride(without->training, settings, 500));
+    EXPECT_EQ(Times(with->training), TimesAtStride(with->training, settings, 200));
+    EXPECT_GT(with->training.examples.size(), 2 * without->training.examples.size());
+    // Two examples of one target are a fifth of a second apart.
+    const std::vector<data::Example>& examples = with->training.examples;
+    for (size_t i = 1; i < examples.size(); ++i) {
+      if (examples[i].recording != examples[i - 1].recording) continue;
+      EXPECT_NEAR(examples[i].time - examples[i - 1].time, 0.2, 1e-6);
+    }
+  }
+}
+
 TEST(TrainingDataTest, RefusesTooFewExamplesAndSaysWhatToDo) {
   const auto data = SplitRecordings(ArcRecordings(2), TinySettings());
   ASSERT_EQ(data.status().code(), absl::StatusCode::kFailedPrecondition);

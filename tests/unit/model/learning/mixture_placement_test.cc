@@ -3,9 +3,16 @@
 #include <ATen/ops/equal.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <set>
+#include <utility>
+#include <vector>
 
+#include "model/data/example_index.h"
 #include "model/learning/networks.h"
+#include "model/learning/validation.h"
+#include "tests/unit/model/learning/analytic_scenes.h"
 
 namespace maneuver::learning::mixture_placement_test {
 namespace {
@@ -47,7 +54,8 @@ TEST_P(PlacementTest, HasTheRequestedSizeAndDependsOnlyOnTheSeed) {
 INSTANTIATE_TEST_SUITE_P(
     Each, PlacementTest,
     testing::Values(v1::MIXTURE_PLACEMENT_TRAJECTORY_CLUSTERS,
-                    v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS, v1::MIXTURE_PLACEMENT_RANDOM,
+                    v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS,
+                    v1::MIXTURE_PLACEMENT_DEPARTURE_CLUSTERS, v1::MIXTURE_PLACEMENT_RANDOM,
                     v1::MIXTURE_PLACEMENT_UNIFORM, v1::MIXTURE_PLACEMENT_ENCODED_POINTS,
                     v1::MIXTURE_PLACEMENT_ENCODED_SEEDS, v1::MIXTURE_PLACEMENT_FITTED_MIXTURE));
 
@@ -68,6 +76,11 @@ TEST(MixturePlacementTest, TrajectoryClustersTakeTheMomentsOfTheirEncodings) {
 TEST(MixturePlacementTest, VelocityClustersTakeTheMomentsOfTheirEncodings) {
   ExpectTheFourGroups(
       PlaceMixture(v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS, FourGroups(), kActions, 1));
+}
+
+TEST(MixturePlacementTest, DepartureClustersTakeTheMomentsOfTheirEncodings) {
+  ExpectTheFourGroups(
+      PlaceMixture(v1::MIXTURE_PLACEMENT_DEPARTURE_CLUSTERS, FourGroups(), kActions, 1));
 }
 
 // Over one window of half a second each, at 2 waypoints a second.
@@ -96,10 +109,174 @@ TEST(MixturePlacementTest, VelocitiesAreAveragedOverHalfASecond) {
   EXPECT_NEAR(space[0][2].item<double>(), std::log(5.0), 1e-5);
 }
 
+// Departures with plain loops. `every` waypoints are half a second, or come nearest to it.
+std::vector<double> PlainDepartures(const std::vector<float>& trajectory, double interval,
+                                    size_t every) {
+  const size_t waypoints = trajectory.size() / 2;
+  std::vector<double> departures;
+  for (size_t number = std::min(every, waypoints); number <= waypoints; number += every) {
+    const double time = interval * static_cast<double>(number);
+    for (const size_t coordinate : {2 * number - 2, 2 * number - 1}) {
+      departures.push_back(trajectory[coordinate] / std::sqrt(time + 0.5));
+    }
+  }
+  return departures;
+}
+
+TEST(MixturePlacementTest, DeparturesAreDividedByTheRootOfTheirTimeAndHalfASecond) {
+  struct Case {
+    double interval;
+    size_t every;
+    int64_t waypoints;
+  };
+  // The last one ends before half a second, so its last waypoint counts.
+  for (const Case& each : {Case{0.1, 5, 50},
+                           {0.1, 5, 33},
+                           {0.25, 2, 12},
+                           {0.3, 2, 10},
+                           {0.5, 1, 6},
+                           {1.0, 1, 3},
+                           {0.1, 5, 3}}) {
+    at::Generator generator = MakeGenerator(4);
+    const at::Tensor rows = at::empty({7, 2 * each.waypoints}).normal_(0.0, 9.0, generator);
+    // The speed that counts as slow is for velocities.
+    for (const double slow_speed : {0.1, 10.0}) {
+      const at::Tensor space =
+          ClusterSpace(v1::MIXTURE_PLACEMENT_DEPARTURE_CLUSTERS, rows,
+                       {.waypoint_interval = each.interval, .slow_speed = slow_speed});
+      for (int64_t row = 0; row < rows.size(0); ++row) {
+        const float* numbers = rows[row].data_ptr<float>();
+        const std::vector<double> expected =
+            PlainDepartures({numbers, numbers + rows.size(1)}, each.interval, each.every);
+        ASSERT_EQ(space.size(1), static_cast<int64_t>(expected.size())) << each.interval;
+        for (size_t i = 0; i < expected.size(); ++i) {
+          EXPECT_NEAR(space[row][static_cast<int64_t>(i)].item<double>(), expected[i],
+                      1e-5 * (1.0 + std::abs(expected[i])))
+              << each.interval << " " << i;
+        }
+      }
+    }
+  }
+}
+
+// What the examples of a vehicle do after a straight second.
+enum Continuation { kStraight, kLeft, kRight };
+struct Continuations {
+  EncodedExamples examples;
+  std::vector<Continuation> of;  // [N]
+  std::vector<double> speeds;    // [N] m/s
+};
+
+// Vehicles that drive straight on at 0.8 to 20 m/s, and others that are about to turn.
+Continuations StraightAndTurning(const v1::TrainingSettings& settings) {
+  Continuations all;
+  std::vector<data::Example> examples;
+  const auto add = [&](const v1::Scenario& recording, Continuation continuation, double speed) {
+    for (data::Example& example :
+         data::EnumerateExamples(recording, 0, settings.model(), settings.examples())) {
+      if (continuation != kStraight && (example.time < 1.2 || example.time > 2.01)) continue;
+      examples.push_back(std::move(example));
+      all.of.push_back(continuation);
+      all.speeds.push_back(speed);
+    }
+  };
+  for (const double speed : {0.8, 3.0, 8.0, 14.0, 20.0}) {
+    add(ArcRecording("straight", 0.0, speed), kStraight, speed);
+  }
+  for (int i = 0; i < 6; ++i) {
+    const double curvature = 0.04 + 0.001 * i;
+    add(ForkRecording("left", Fork::kBoth, true, curvature), kLeft, 8.0);
+    add(ForkRecording("right", Fork::kBoth, false, curvature), kRight, 8.0);
+  }
+  const auto count = static_cast<int64_t>(examples.size());
+  all.examples.trajectories = Trajectories(examples);
+  all.examples.scale = ScaleOf(settings);
+  all.examples.q_z = {at::zeros({count, 2}), at::full({count, 2}, std::log(0.01))};
+  for (int64_t i = 0; i < count; ++i) {
+    all.examples.q_z.mean[i][0].fill_(static_cast<double>(all.of[static_cast<size_t>(i)]));
+  }
+  return all;
+}
+
+// The clusters that the examples of a continuation are in.
+std::set<int64_t> ClustersOf(Continuation continuation, const Continuations& all,
+                             const PlacedMixture& placed) {
+  const at::Tensor clusters =
+      NearestClusters(v1::MIXTURE_PLACEMENT_DEPARTURE_CLUSTERS, placed.centers,
+                      all.examples.trajectories, all.examples.scale);
+  std::set<int64_t> found;
+  for (size_t i = 0; i < all.of.size(); ++i) {
+    if (all.of[i] == continuation) found.insert(clusters[static_cast<int64_t>(i)].item<int64_t>());
+  }
+  return found;
+}
+
+TEST(MixturePlacementTest, DepartureClustersTellTurnsFromStraightDrivingAtEverySpeed) {
+  const Continuations all = StraightAndTurning(TinyLanesSettings());
+  ASSERT_EQ(std::set(all.speeds.begin(), all.speeds.end()).size(), 5u);
+  const PlacedMixture placed =
+      PlaceMixture(v1::MIXTURE_PLACEMENT_DEPARTURE_CLUSTERS, all.examples, 3, 1);
+  std::set<int64_t> clusters;
+  for (const Continuation continuation : {kStraight, kLeft, kRight}) {
+    const std::set<int64_t> own = ClustersOf(continuation, all, placed);
+    ASSERT_EQ(own.size(), 1u) << continuation;
+    clusters.insert(*own.begin());
+    EXPECT_NEAR(placed.components.mean[*own.begin()][0].item<double>(), continuation, 1e-5);
+  }
+  EXPECT_EQ(clusters.size(), 3u);
+  // In metres, without a reference, vehicles that drive straight on are apart by their speed.
+  const Continuations metres = StraightAndTurning(TinyLanesSettings("lanes-metres"));
+  EXPECT_GT(
+      ClustersOf(kStraight, metres,
+                 PlaceMixture(v1::MIXTURE_PLACEMENT_DEPARTURE_CLUSTERS, metres.examples, 3, 1))
+          .size(),
+      1u);
+}
+
+// Components without a cluster stay at the prior, and the others have a cluster each.
+TEST(MixturePlacementTest, FewerTrajectoriesThanActionsLeaveTheOtherComponentsAtThePrior) {
+  const EncodedExamples groups = FourGroups();
+  for (const auto placement :
+       {v1::MIXTURE_PLACEMENT_TRAJECTORY_CLUSTERS, v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS,
+        v1::MIXTURE_PLACEMENT_DEPARTURE_CLUSTERS}) {
+    // 400 examples of four trajectories, and four examples.
+    for (const int64_t count : {kExamples, int64_t{4}}) {
+      constexpr int kMore = 9;
+      const EncodedExamples few{
+          groups.trajectories.slice(0, 0, count),
+          groups.scale,
+          {groups.q_z.mean.slice(0, 0, count), groups.q_z.log_variance.slice(0, 0, count)}};
+      const PlacedMixture placed = PlaceMixture(placement, few, kMore, 1);
+      ASSERT_EQ(placed.components.mean.size(0), kMore);
+      EXPECT_TRUE(placed.components.mean.isfinite().all().item<bool>());
+      EXPECT_TRUE(placed.components.log_variance.isfinite().all().item<bool>());
+      EXPECT_NEAR(placed.log_weights.exp().sum().item<double>(), 1.0, 1e-5);
+      const at::Tensor own =
+          NearestClusters(placement, placed.centers, few.trajectories, few.scale);
+      std::set<int64_t> used;
+      for (int64_t i = 0; i < count; ++i) {
+        used.insert(own[i].item<int64_t>());
+        EXPECT_LT((placed.components.mean[own[i].item<int64_t>()] - few.q_z.mean[i])
+                      .abs()
+                      .max()
+                      .item<double>(),
+                  1.0);
+      }
+      EXPECT_EQ(used.size(), 4u);
+      for (int64_t k = 0; k < kMore; ++k) {
+        if (used.contains(k)) continue;
+        EXPECT_EQ(placed.components.mean[k].abs().max().item<double>(), 0.0);
+        EXPECT_EQ(placed.components.log_variance[k].abs().max().item<double>(), 0.0);
+      }
+    }
+  }
+}
+
 TEST(MixturePlacementTest, EachTrajectoryIsNearestToTheCentreOfItsGroup) {
   const EncodedExamples examples = FourGroups();
   for (const auto placement :
-       {v1::MIXTURE_PLACEMENT_TRAJECTORY_CLUSTERS, v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS}) {
+       {v1::MIXTURE_PLACEMENT_TRAJECTORY_CLUSTERS, v1::MIXTURE_PLACEMENT_VELOCITY_CLUSTERS,
+        v1::MIXTURE_PLACEMENT_DEPARTURE_CLUSTERS}) {
     const PlacedMixture placed = PlaceMixture(placement, examples, kActions, 1);
     const at::Tensor cluster =
         NearestClusters(placement, placed.centers, examples.trajectories, examples.scale);
@@ -156,6 +333,25 @@ TEST(MixturePlacementTest, LabelledComponentsLieAtTheirExamples) {
   EXPECT_EQ(placed.components.mean.size(0), 6);
   EXPECT_LT(NearestDistance(placed.components.mean.slice(0, 0, 1), at::tensor({3.F, 3.F})), 0.3);
   EXPECT_LT(NearestDistance(placed.components.mean.slice(0, 1, 2), at::tensor({-3.F, 3.F})), 0.3);
+}
+
+TEST(MixturePlacementTest, LabelsOfAllExamplesStillPlaceEveryAction) {
+  const EncodedExamples examples = FourGroups();
+  std::vector<int> labels(kExamples);
+  for (size_t i = 0; i < labels.size(); ++i) labels[i] = i % 4 == 3 ? 0 : 1;
+  for (const int unlabelled : {0, 1, 5}) {
+    for (int i = 0; i < unlabelled; ++i) labels[static_cast<size_t>(i)] = -1;
+    const PlacedMixture placed =
+        PlaceLabelledMixture(v1::MIXTURE_PLACEMENT_DEPARTURE_CLUSTERS, examples, labels, 2, 6, 1);
+    ASSERT_EQ(placed.components.mean.size(0), 6) << unlabelled;
+    ASSERT_EQ(placed.components.log_variance.size(0), 6);
+    EXPECT_EQ(placed.log_weights.size(0), 6);
+    EXPECT_LT(NearestDistance(placed.components.mean.slice(0, 0, 1), at::tensor({3.F, 3.F})), 0.3);
+    // The actions without a label are where the examples are.
+    for (const auto& [x, y] : {std::pair(-3.F, -3.F), {-3.F, 3.F}, {3.F, -3.F}, {3.F, 3.F}}) {
+      EXPECT_LT(NearestDistance(placed.components.mean.slice(0, 2), at::tensor({x, y})), 0.3);
+    }
+  }
 }
 
 }  // namespace

@@ -1,12 +1,21 @@
 // What training reads of a scene as vectors, and what the networks make of it.
 
+#include <ATen/ops/equal.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "model/files/durable_file.h"
 #include "model/learning/objectives.h"
 #include "model/learning/scene_bound.h"
 #include "model/learning/scene_loader.h"
+#include "model/learning/trainer.h"
 #include "model/learning/validation.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::learning::scene_vectors_test {
 namespace {
@@ -208,6 +217,94 @@ TEST(SceneBoundTest, TheKMostProbableOfKActionsAreAll) {
   EXPECT_FALSE(five.equal(all));
   settings.mutable_optimization()->set_responsibilities(v1::RESPONSIBILITIES_EXACT);
   EXPECT_TRUE(reconstruction(5).equal(reconstruction(0))) << "they contain each reconstruction";
+}
+
+// The top-n loss of a model of fewer actions than n: each term, and each gradient.
+TEST(SceneBoundTest, MoreActionsThanThereAreAreAll) {
+  constexpr int kActions = 3;
+  v1::TrainingSettings settings = TinyLanesSettings();
+  settings.mutable_model()->set_actions(kActions);
+  at::Generator generator = MakeGenerator(2);
+  Networks networks(settings.model(), at::Device(at::kCPU), generator);
+  const TrainingData data = *SplitRecordings(ArcRecordings(40), settings);
+  const SceneSource source(settings.model(), data.training, 1);
+  SceneLoader loader(settings.model(), source, DrawItems(data.training, 8), 8, 1);
+  const SceneLoader::Batch batch = *loader.Next();
+  using Part = Networks::Part;
+  std::vector<at::Tensor> parameters;
+  for (const Part part : {Part::kTrajectoryEncoder, Part::kDecoder, Part::kMixture, Part::kScene,
+                          Part::kActions, Part::kScenarioEncoder}) {
+    for (at::Tensor& parameter : networks.Parameters(part)) {
+      parameters.push_back(parameter.set_requires_grad(true));
+    }
+  }
+  // Returns the loss, and then the gradient of each parameter.
+  const auto evaluate = [&](v1::Objective objective, int actions) {
+    settings.mutable_optimization()->set_posterior_actions(actions);
+    at::Generator noise = MakeGenerator(9);
+    const NoiseSource draw = [&](at::IntArrayRef shape) {
+      return at::empty(shape).normal_(0.0, 1.0, noise);
+    };
+    for (at::Tensor& parameter : parameters) parameter.mutable_grad() = at::Tensor();
+    const SceneBatch scenes{batch.trajectories, networks.EncodeScenes(batch.scenes, {}), {}};
+    const BoundTerms terms =
+        SceneBound(networks, objective,
+                   objective == v1::OBJECTIVE_DUAL ? Learning::kPosterior : Learning::kAll,
+                   settings.optimization(), scenes, draw);
+    const at::Tensor loss = Loss(terms, Weights(settings.optimization()));
+    loss.backward();
+    std::vector<at::Tensor> numbers = {loss.detach(), terms.posterior_reconstruction.detach(),
+                                       terms.log_responsibilities.detach()};
+    for (const at::Tensor& parameter : parameters) {
+      numbers.push_back(parameter.grad().defined() ? parameter.grad().clone() : at::zeros({1}));
+    }
+    return numbers;
+  };
+  for (const auto& [objective, responsibilities] :
+       {std::pair(v1::OBJECTIVE_UNIFIED, v1::RESPONSIBILITIES_PRINTED),
+        {v1::OBJECTIVE_UNIFIED, v1::RESPONSIBILITIES_EXACT},
+        {v1::OBJECTIVE_DUAL, v1::RESPONSIBILITIES_PRINTED}}) {
+    settings.mutable_optimization()->set_responsibilities(responsibilities);
+    const std::vector<at::Tensor> all = evaluate(objective, kActions);
+    EXPECT_TRUE(std::isfinite(all[0].item<double>()));
+    for (const int more : {kActions + 1, 6, 256}) {
+      const std::vector<at::Tensor> others = evaluate(objective, more);
+      for (size_t i = 0; i < all.size(); ++i) {
+        EXPECT_TRUE(others[i].equal(all[i])) << objective << " " << more << " " << i;
+      }
+    }
+    if (objective == v1::OBJECTIVE_UNIFIED && responsibilities == v1::RESPONSIBILITIES_EXACT) {
+      continue;  // for which all are needed
+    }
+    EXPECT_FALSE(evaluate(objective, kActions - 1)[1].equal(all[1])) << objective;
+  }
+}
+
+// A whole training, by responsibilities that let the top-n loss choose.
+TEST(SceneBoundTest, AModelOfFewerActionsThanTheLossCountsLearnsFromAll) {
+  constexpr int kActions = 3;
+  const TemporaryFolder folder;
+  TrainingRun run;
+  run.settings = TinyLanesSettings();
+  run.settings.mutable_model()->set_actions(kActions);
+  v1::OptimizationSettings& optimization = *run.settings.mutable_optimization();
+  optimization.set_responsibilities(v1::RESPONSIBILITIES_PRINTED);
+  optimization.set_pretraining_epochs(1);
+  optimization.set_mixture_epochs(1);
+  optimization.set_joint_epochs(1);
+  optimization.set_covariance_epochs(1);
+  const TrainingData data = *SplitRecordings(ArcRecordings(40), run.settings);
+  const auto learn = [&](int actions) {
+    optimization.set_posterior_actions(actions);
+    run.output = folder / std::to_string(actions);
+    const auto manifest = Train(run, data);
+    EXPECT_TRUE(manifest.ok()) << manifest.status();
+    EXPECT_TRUE(manifest.ok() && std::isfinite(manifest->metrics().at("ade_1")));
+    return files::ReadFile(run.output / "weights.safetensors").value_or("");
+  };
+  const std::string all = learn(kActions);
+  EXPECT_TRUE(learn(6) == all);
+  EXPECT_FALSE(learn(kActions - 1) == all);
 }
 
 }  // namespace

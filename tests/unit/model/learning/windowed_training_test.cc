@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <map>
@@ -101,6 +102,28 @@ TEST_F(WindowedTrainingTest, CountsTheExamplesThatAPassOverAllFinds) {
     }
     EXPECT_EQ(files, 1);
   }
+}
+
+TEST_F(WindowedTrainingTest, FindsTheExamplesOfTheTrainingStride) {
+  v1::TrainingSettings settings = Run("model").settings;
+  std::vector<int64_t> counts;
+  // Counts of one stride are kept beside the dataset; those of another are counted anew.
+  for (const int milliseconds : {500, 200, 500}) {
+    settings.mutable_examples()->mutable_training_stride()->set_nanos(1'000'000 * milliseconds);
+    const auto all = LoadTrainingData(folders_, settings, KeepGoing);
+    const auto large = OpenSmall(settings);
+    ASSERT_TRUE(large.ok()) << large.status();
+    EXPECT_EQ(large->TrainingExamples(), static_cast<int64_t>(all->training.examples.size()));
+    counts.push_back(large->TrainingExamples());
+    // Reading a window finds what was counted.
+    const auto loaded = large->windows->Load(PlanFirstEpoch(*large, settings)[0], KeepGoing);
+    ASSERT_TRUE(loaded.ok()) << loaded.status();
+    for (const data::Example& example : large->validation.examples) {
+      EXPECT_NEAR(std::remainder(example.time, 0.5), 0.0, 1e-6);
+    }
+  }
+  EXPECT_EQ(counts[0], counts[2]);
+  EXPECT_GT(counts[1], 2 * counts[0]);
 }
 
 TEST_F(WindowedTrainingTest, KeepsASampleOfBothSidesInMemory) {
