@@ -118,7 +118,8 @@ int ConnectionLimit::Enforce() {
     }
   });
   std::ranges::sort(open);
-  std::ranges::stable_partition(open, [this](const auto& each) { return known_.contains(each); });
+  std::stable_partition(open.begin(), open.end(),
+                        [this](const auto& each) { return known_.contains(each); });
   const size_t stay = std::min(open.size(), static_cast<size_t>(most_));
   for (size_t i = stay; i < open.size(); ++i) shutdown(open[i].first, SHUT_RDWR);
   known_ = {open.begin(), open.begin() + static_cast<std::ptrdiff_t>(stay)};
