@@ -273,6 +273,10 @@ absl::StatusOr<v1::Job> Supervisor::Admit(v1::Job job, const std::string& reques
     if (!status.ok()) {
       std::error_code ignored;  // the next start removes what is left
       fs::remove_all(FolderOf(job.name()), ignored);
+      if (absl::IsPermissionDenied(status)) {
+        // The server's, not the caller's.
+        return errors::WithReason(absl::InternalError(status.message()), "STORAGE_INACCESSIBLE");
+      }
       if (!absl::IsAlreadyExists(status)) return status;
       // Another server has just admitted it.
       earlier = EarlierJob(request_id, digest, &found);
