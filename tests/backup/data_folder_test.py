@@ -155,8 +155,8 @@ class DataFolderTest(unittest.TestCase):
         self.assertEqual(damaged["name"], jobs[0])
         self.assertEqual(damaged["error"]["code"], 15)  # DATA_LOSS
         self.assertEqual(damaged["error"]["details"][0]["reason"], "STORAGE_DAMAGED")
-        damaged = [job.name for job in maneuver_client(server) if job.error.code == 15]
-        self.assertEqual(damaged, jobs[:1])
+        if options.python:
+            self.assertEqual([job.name for job in jobs_in_python(server) if job.error.code == 15], jobs[:1])
 
     def test_repair_brings_the_jobs_and_aliases_of_a_backup_back(self):
         models = self.data / "models" / "small"
@@ -197,7 +197,7 @@ class DataFolderTest(unittest.TestCase):
 WITHOUT_CAPABILITIES = ("setpriv", "--bounding-set=-all", "--inh-caps=-all")
 
 
-def maneuver_client(server):
+def jobs_in_python(server):
     """All jobs that the Python package lists."""
     import maneuver  # from --python
     with maneuver.Client(server.address) as client:
@@ -210,9 +210,10 @@ def main():
     parser.add_argument("--maneuverd", required=True, type=pathlib.Path)
     parser.add_argument("--maneuver", required=True, type=pathlib.Path)
     parser.add_argument("--small-model", required=True, type=pathlib.Path, help="program that writes one")
-    parser.add_argument("--python", required=True, type=pathlib.Path, help="folder of the Python package")
+    parser.add_argument("--python", type=pathlib.Path, help="folder of the Python package, if it was built")
     options, rest = parser.parse_known_args()
-    sys.path.insert(0, str(options.python))
+    if options.python:
+        sys.path.insert(0, str(options.python))
     unittest.main(argv=[sys.argv[0], *rest])
 
 
