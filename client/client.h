@@ -188,6 +188,7 @@ class Client {
                                       const CallOptions& call = {});
   absl::StatusOr<v1::Job> Tag(const v1::TagRequest& request, const CallOptions& call = {});
   absl::StatusOr<v1::Job> GetJob(const v1::GetJobRequest& request, const CallOptions& call = {});
+  // Of a job whose record on the server is damaged, only name and error are set.
   absl::StatusOr<v1::ListJobsResponse> ListJobs(const v1::ListJobsRequest& request,
                                                 const CallOptions& call = {});
   absl::StatusOr<v1::Job> CancelJob(const v1::CancelJobRequest& request,

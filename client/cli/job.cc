@@ -67,7 +67,7 @@ int ListJobs(const ListArguments& arguments, Environment& environment) {
   if (!since.ok()) return environment.Refuse(std::string(since.status().message()));
   const auto is_wanted = [&](const v1::Job& job) {
     return arguments.states.empty() ||
-           std::ranges::find(arguments.states, StateName(job.state())) != arguments.states.end();
+           std::ranges::find(arguments.states, ListedState(job)) != arguments.states.end();
   };
   v1::ListJobsRequest request;
   request.set_page_size(1'000);
@@ -78,7 +78,9 @@ int ListJobs(const ListArguments& arguments, Environment& environment) {
     if (!page.ok()) return environment.Fail(page.status());
     request.set_page_token(page->next_page_token());
     for (v1::Job& job : *page->mutable_jobs()) {
+      // Nobody knows when a damaged job was created.
       is_older =
+          ListedState(job) != kDamaged &&
           absl::FromUnixMicros(static_cast<int64_t>(1e6 * ToSeconds(job.create_time()))) < *since;
       if (is_older) break;
       if (is_wanted(job)) *all.add_jobs() = std::move(job);
@@ -96,6 +98,12 @@ int ListJobs(const ListArguments& arguments, Environment& environment) {
                {"CREATED"},
                {"TOOK", Align::kRight}});
   for (const v1::Job& job : all.jobs()) {
+    if (ListedState(job) == kDamaged) {
+      table.Add(
+          {job.name().empty() ? "?" : ShortName(job.name()), "-", "-", kDamaged, "-", "-", "-"});
+      environment.err << "damaged: " << job.error().message() << "\n";
+      continue;
+    }
     table.Add({ShortName(job.name()), Kind(job), Subject(job), StateName(job.state()),
                Fixed(100.0 * Done(job), 0) + " %", Moment(job.create_time()), Took(job)});
   }
@@ -224,7 +232,7 @@ void AddJob(Command& root, Environment& environment) {
                            "         maneuver job list --state failed --since 2d");
   const auto listed = std::make_shared<ListArguments>();
   list.Choices("--state", &listed->states,
-               {"pending", "running", "succeeded", "failed", "cancelled"},
+               {"pending", "running", "succeeded", "failed", "cancelled", kDamaged},
                "Only jobs in this state; may be repeated");
   list.Option("--since", &listed->since,
               "Only jobs that were created in the last 2d, 3h or 30m, or since 2027-01-31 or "

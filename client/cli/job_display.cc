@@ -82,6 +82,11 @@ void PrintHowToGoOn(const std::string& job, Environment& environment) {
 
 }  // namespace
 
+std::string ListedState(const v1::Job& job) {
+  return job.state() == v1::JOB_STATE_UNSPECIFIED && job.has_error() ? kDamaged
+                                                                     : StateName(job.state());
+}
+
 std::string StateName(v1::JobState state) {
   switch (state) {
     case v1::JOB_STATE_PENDING:

@@ -12,9 +12,12 @@
 namespace maneuver::cli {
 
 std::string StateName(v1::JobState state);  // "running"
-std::string Kind(const v1::Job& job);       // "train", "evaluate", "recalibrate", ...
-std::string Subject(const v1::Job& job);    // the model or version: "town", "town/3"; else "-"
-std::string Datasets(const v1::Job& job);   // what it learns from or measures: "datasets/town"
+// Returns the state of a listed job, or "damaged" if the server has no more than its name.
+std::string ListedState(const v1::Job& job);
+inline constexpr char kDamaged[] = "damaged";
+std::string Kind(const v1::Job& job);      // "train", "evaluate", "recalibrate", ...
+std::string Subject(const v1::Job& job);   // the model or version: "town", "town/3"; else "-"
+std::string Datasets(const v1::Job& job);  // what it learns from or measures: "datasets/town"
 
 // Returns the progress of a job, such as
 //   "joint 7/10  loss 2.31  19 effective actions  1 min 05 s left".

@@ -48,6 +48,10 @@ leave() {
 }
 trap leave EXIT
 
+step "The programs in the packages are hardened"
+for name in maneuverd maneuver maneuver-trainer; do dpkg-deb --extract "$packages/$name"_*.deb "$work/programs"; done
+"$here/../../tests/packages/hardening_test.sh" "$work"/programs/usr/bin/{maneuverd,maneuver,maneuver-trainer}
+
 step "A plain Debian 12"
 if [ -n "$base" ]; then
   cp -a "$base" "$root"

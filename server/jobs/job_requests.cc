@@ -11,6 +11,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
+#include "model/artifact/field_rules.h"
 #include "model/artifact/training_presets.h"
 #include "model/evaluation/metric_table.h"
 #include "model/evaluation/rival_table.h"
@@ -39,19 +40,35 @@ constexpr char kDatasetRule[] =
 constexpr char kModelRule[] =
     "expected models/{model}, models/{model}@{alias} or models/{model}/versions/{version}";
 
-using Violations = std::vector<scene::FieldViolation>;
+// The wrong fields of a request: the first 16, and the number of the others.
+class Violations {
+ public:
+  void Add(std::string field, std::string description) {
+    found_.Require(false, std::move(field), std::move(description));
+  }
+  // Adds violations of a part of the request.
+  //   prefix: put before each field
+  void AddAll(const std::string& prefix, std::vector<scene::FieldViolation> part) {
+    for (scene::FieldViolation& violation : part) {
+      Add(prefix + violation.field, std::move(violation.description));
+    }
+  }
+  bool empty() const { return found_.all_hold(); }
+  std::vector<scene::FieldViolation> Take() { return std::move(found_).violations(); }
+
+ private:
+  artifact::FieldRules found_;
+};
 
 void CheckRequestId(const std::string& request_id, Violations& violations) {
   if (request_id.size() > kMaxRequestId) {
-    violations.push_back(
-        {"request_id", absl::StrCat("must have at most ", kMaxRequestId, " bytes")});
+    violations.Add("request_id", absl::StrCat("must have at most ", kMaxRequestId, " bytes"));
   }
 }
 
 void CheckPriority(int priority, Violations& violations) {
   if (priority < -kMostPriority || priority > kMostPriority) {
-    violations.push_back(
-        {"priority", absl::StrCat("expected -", kMostPriority, " to ", kMostPriority)});
+    violations.Add("priority", absl::StrCat("expected -", kMostPriority, " to ", kMostPriority));
   }
 }
 
@@ -59,10 +76,10 @@ void CheckCriteria(const v1::PromotionCriteria& criteria, bool with_baselines,
                    Violations& violations) {
   const std::string field = "promotion_criteria.";
   if (!security::ParseDatasetName(criteria.dataset(), field + "dataset").ok()) {
-    violations.push_back({field + "dataset", kDatasetRule});
+    violations.Add(field + "dataset", kDatasetRule);
   }
   if (criteria.metrics_size() > kMaxCriteria) {
-    violations.push_back({field + "metrics", absl::StrCat("must be at most ", kMaxCriteria)});
+    violations.Add(field + "metrics", absl::StrCat("must be at most ", kMaxCriteria));
     return;
   }
   std::set<std::string> seen;
@@ -70,32 +87,33 @@ void CheckCriteria(const v1::PromotionCriteria& criteria, bool with_baselines,
     const v1::MetricCriterion& criterion = criteria.metrics(i);
     const std::string metric = absl::StrCat(field, "metrics[", i, "].metric");
     if (!evaluation::CanDecide(criterion.metric())) {
-      violations.push_back(
-          {metric, "is not a metric of the model's own that has a better side, such as min_ade_6"});
+      violations.Add(
+          metric, "is not a metric of the model's own that has a better side, such as min_ade_6");
     } else if (!seen.insert(criterion.metric()).second) {
-      violations.push_back({metric, "is named before"});
+      violations.Add(metric, "is named before");
     }
     if (!(criterion.tolerance() >= 0.0) || !std::isfinite(criterion.tolerance())) {
-      violations.push_back({absl::StrCat(field, "metrics[", i, "].tolerance"),
-                            "must be 0 or more, in the metric's unit"});
+      violations.Add(absl::StrCat(field, "metrics[", i, "].tolerance"),
+                     "must be 0 or more, in the metric's unit");
     }
   }
-  CheckRequirements(criteria.rivals(), field + "rivals", violations);
+  std::vector<scene::FieldViolation> faults;
+  CheckRequirements(criteria.rivals(), field + "rivals", faults);
+  violations.AddAll("", std::move(faults));
+  if (criteria.rivals_size() > kMaxCriteria) return;
   for (int i = 0; i < criteria.rivals_size() && !with_baselines; ++i) {
     const evaluation::Rival* rival = evaluation::FindRival(criteria.rivals(i).rival());
     if (rival == nullptr || !rival->trained) continue;
-    violations.push_back({absl::StrCat(field, "rivals[", i, "].rival"),
-                          "is only trained and measured with settings.baselines"});
+    violations.Add(absl::StrCat(field, "rivals[", i, "].rival"),
+                   "is only trained and measured with settings.baselines");
   }
   if (criteria.examples().dataset_weights_size() > 0) {
-    violations.push_back({field + "examples.dataset_weights", "applies only to training"});
+    violations.Add(field + "examples.dataset_weights", "applies only to training");
   }
   v1::TrainingSettings settings;
   *settings.mutable_examples() = criteria.examples();
-  for (scene::FieldViolation& violation :
-       artifact::ValidateTrainingSettings(artifact::ResolveTrainingSettings(settings))) {
-    violations.push_back({field + violation.field, std::move(violation.description)});
-  }
+  violations.AddAll(
+      field, artifact::ValidateTrainingSettings(artifact::ResolveTrainingSettings(settings)));
 }
 
 // Checks the promotion of a request that makes a version.
@@ -103,12 +121,12 @@ void CheckCriteria(const v1::PromotionCriteria& criteria, bool with_baselines,
 template <typename Request>
 void CheckPromotion(const Request& request, bool with_baselines, Violations& violations) {
   if (!v1::Promotion_IsValid(request.promotion())) {
-    violations.push_back({"promotion", "is not a promotion that this server knows"});
+    violations.Add("promotion", "is not a promotion that this server knows");
   }
   if (request.promotion() == v1::PROMOTION_IF_NO_WORSE) {
     CheckCriteria(request.promotion_criteria(), with_baselines, violations);
   } else if (request.has_promotion_criteria()) {
-    violations.push_back({"promotion_criteria", "only goes with PROMOTION_IF_NO_WORSE"});
+    violations.Add("promotion_criteria", "only goes with PROMOTION_IF_NO_WORSE");
   }
 }
 
@@ -116,22 +134,22 @@ void CheckPromotion(const Request& request, bool with_baselines, Violations& vio
 void CheckWeights(const v1::TrainingSettings& settings, int datasets, Violations& violations) {
   const int weights = settings.examples().dataset_weights_size();
   if (weights == 0 || weights == datasets) return;
-  violations.push_back({"settings.examples.dataset_weights",
-                        absl::StrCat("has ", weights, " weights for ", datasets, " datasets")});
+  violations.Add("settings.examples.dataset_weights",
+                 absl::StrCat("has ", weights, " weights for ", datasets, " datasets"));
 }
 
 void CheckRanks(const v1::TrainRequest& request, Violations& violations) {
   const int ranks = request.ranks();
   if (ranks == 0) return;
   if (ranks < 0 || ranks > kMostRanks || !std::has_single_bit(static_cast<unsigned>(ranks))) {
-    violations.push_back({"ranks", absl::StrCat("must be 0 or a power of two up to ", kMostRanks)});
+    violations.Add("ranks", absl::StrCat("must be 0 or a power of two up to ", kMostRanks));
     return;
   }
   const int set = request.settings().optimization().micro_batches();
   const int micro_batches = set == 0 ? artifact::kMicroBatchesOfRanks : set;
   if (micro_batches % ranks != 0) {
-    violations.push_back({"ranks", absl::StrCat("cannot divide the ", micro_batches,
-                                                " of settings.optimization.micro_batches")});
+    violations.Add("ranks", absl::StrCat("cannot divide the ", micro_batches,
+                                         " of settings.optimization.micro_batches"));
   }
 }
 
@@ -140,40 +158,38 @@ void CheckRanks(const v1::TrainRequest& request, Violations& violations) {
 void CheckDatasets(const google::protobuf::RepeatedPtrField<std::string>& names,
                    const std::string& field, std::set<std::string>& seen, Violations& violations) {
   if (names.size() > kMaxDatasets) {
-    violations.push_back({field, absl::StrCat("must be at most ", kMaxDatasets)});
+    violations.Add(field, absl::StrCat("must be at most ", kMaxDatasets));
     return;
   }
   for (int i = 0; i < names.size(); ++i) {
     const std::string each = absl::StrCat(field, "[", i, "]");
     if (!security::ParseDatasetName(names[i], each).ok()) {
-      violations.push_back({each, kDatasetRule});
+      violations.Add(each, kDatasetRule);
     } else if (!seen.insert(names[i]).second) {
-      violations.push_back({each, "is named before"});
+      violations.Add(each, "is named before");
     }
   }
 }
 
 void CheckSeeds(const v1::CrossValidateRequest& request, Violations& violations) {
   if (request.seeds_size() > kMaxSeeds) {
-    violations.push_back({"seeds", absl::StrCat("must be at most ", kMaxSeeds)});
+    violations.Add("seeds", absl::StrCat("must be at most ", kMaxSeeds));
     return;
   }
   std::set<int64_t> seen;
   for (int i = 0; i < request.seeds_size(); ++i) {
     if (request.seeds(i) >= 0 && seen.insert(request.seeds(i)).second) continue;
-    violations.push_back({absl::StrCat("seeds[", i, "]"),
-                          request.seeds(i) < 0 ? "must be 0 or more" : "is named before"});
+    violations.Add(absl::StrCat("seeds[", i, "]"),
+                   request.seeds(i) < 0 ? "must be 0 or more" : "is named before");
   }
 }
 
 void AddOfSettings(std::vector<scene::FieldViolation> found, Violations& violations) {
-  for (scene::FieldViolation& violation : found) {
-    violations.push_back({"settings." + violation.field, std::move(violation.description)});
-  }
+  violations.AddAll("settings.", std::move(found));
 }
 
-absl::Status Checked(const Violations& violations) {
-  return violations.empty() ? absl::OkStatus() : errors::InvalidFields(violations);
+absl::Status Checked(Violations& violations) {
+  return violations.empty() ? absl::OkStatus() : errors::InvalidFields(violations.Take());
 }
 
 // The same bytes for equal messages, maps included.
@@ -214,10 +230,10 @@ void CheckRequirements(const evaluation::RivalRequirements& requirements, const 
 absl::Status CheckTrainRequest(const v1::TrainRequest& request) {
   Violations violations;
   if (!security::ParseModelName(request.model(), "model").ok()) {
-    violations.push_back(
-        {"model", "expected models/{model}, with ids of lower-case letters, digits and hyphens"});
+    violations.Add("model",
+                   "expected models/{model}, with ids of lower-case letters, digits and hyphens");
   }
-  if (request.datasets().empty()) violations.push_back({"datasets", "must name at least one"});
+  if (request.datasets().empty()) violations.Add("datasets", "must name at least one");
   std::set<std::string> seen;
   CheckDatasets(request.datasets(), "datasets", seen, violations);
   CheckPromotion(request, request.settings().baselines(), violations);
@@ -229,7 +245,7 @@ absl::Status CheckTrainRequest(const v1::TrainRequest& request) {
     const auto settings = artifact::ResolveTrainingSettings(request.settings());
     AddOfSettings(artifact::ValidateTrainingSettings(settings), violations);
   } else if (!security::ParseModelReference(request.start_from(), "start_from").ok()) {
-    violations.push_back({"start_from", kModelRule});
+    violations.Add("start_from", kModelRule);
   }
   return Checked(violations);
 }
@@ -252,39 +268,37 @@ absl::StatusOr<serving::ModelVersions::ResolvedVersion> ResolveReference(
 absl::Status CheckEvaluateRequest(const v1::EvaluateRequest& request) {
   Violations violations;
   if (!request.model().empty() && !security::ParseModelReference(request.model(), "model").ok()) {
-    violations.push_back({"model", kModelRule});
+    violations.Add("model", kModelRule);
   }
   if (!security::ParseDatasetName(request.dataset(), "dataset").ok()) {
-    violations.push_back({"dataset", kDatasetRule});
+    violations.Add("dataset", kDatasetRule);
   }
   if (request.examples().dataset_weights_size() > 0) {
-    violations.push_back({"examples.dataset_weights", "applies only to training"});
+    violations.Add("examples.dataset_weights", "applies only to training");
   }
   if (request.sampled_examples() < 0 || request.sampled_examples() > kMaxSampledExamples) {
-    violations.push_back({"sampled_examples", absl::StrCat("must be 0 to ", kMaxSampledExamples)});
+    violations.Add("sampled_examples", absl::StrCat("must be 0 to ", kMaxSampledExamples));
   }
   CheckRequestId(request.request_id(), violations);
   CheckPriority(request.priority(), violations);
   v1::TrainingSettings settings;
   *settings.mutable_examples() = request.examples();
-  for (scene::FieldViolation& violation :
-       artifact::ValidateTrainingSettings(artifact::ResolveTrainingSettings(settings))) {
-    violations.push_back(std::move(violation));  // examples.... in both messages
-  }
+  // examples.... in both messages.
+  violations.AddAll(
+      "", artifact::ValidateTrainingSettings(artifact::ResolveTrainingSettings(settings)));
   return Checked(violations);
 }
 
 absl::Status CheckCrossValidateRequest(const v1::CrossValidateRequest& request) {
   Violations violations;
-  if (request.datasets().empty()) violations.push_back({"datasets", "must name at least one"});
+  if (request.datasets().empty()) violations.Add("datasets", "must name at least one");
   std::set<std::string> seen;
   CheckDatasets(request.datasets(), "datasets", seen, violations);
   CheckDatasets(request.test_datasets(), "test_datasets", seen, violations);
   if (request.folds() != 0 && (request.folds() < 2 || request.folds() > kMaxFolds)) {
-    violations.push_back(
-        {"folds", absl::StrCat("must be 2 to ", kMaxFolds, ", or 0 for ", kDefaultFolds)});
+    violations.Add("folds", absl::StrCat("must be 2 to ", kMaxFolds, ", or 0 for ", kDefaultFolds));
   }
-  if (request.fold_seed() < 0) violations.push_back({"fold_seed", "must be 0 or more"});
+  if (request.fold_seed() < 0) violations.Add("fold_seed", "must be 0 or more");
   CheckSeeds(request, violations);
   CheckRequestId(request.request_id(), violations);
   CheckPriority(request.priority(), violations);
@@ -298,13 +312,13 @@ absl::Status CheckCrossValidateRequest(const v1::CrossValidateRequest& request) 
 absl::Status CheckRecalibrateRequest(const v1::RecalibrateRequest& request) {
   Violations violations;
   if (!request.model().empty() && !security::ParseModelReference(request.model(), "model").ok()) {
-    violations.push_back({"model", kModelRule});
+    violations.Add("model", kModelRule);
   }
-  if (request.datasets().empty()) violations.push_back({"datasets", "must name at least one"});
+  if (request.datasets().empty()) violations.Add("datasets", "must name at least one");
   std::set<std::string> seen;
   CheckDatasets(request.datasets(), "datasets", seen, violations);
   if (request.examples().dataset_weights_size() > 0) {
-    violations.push_back({"examples.dataset_weights", "applies only to training"});
+    violations.Add("examples.dataset_weights", "applies only to training");
   }
   // A version keeps the baselines that it has.
   CheckPromotion(request, /*with_baselines=*/true, violations);
@@ -312,29 +326,28 @@ absl::Status CheckRecalibrateRequest(const v1::RecalibrateRequest& request) {
   CheckPriority(request.priority(), violations);
   v1::TrainingSettings settings;
   *settings.mutable_examples() = request.examples();
-  for (scene::FieldViolation& violation :
-       artifact::ValidateTrainingSettings(artifact::ResolveTrainingSettings(settings))) {
-    violations.push_back(std::move(violation));  // examples.... in both messages
-  }
+  // examples.... in both messages.
+  violations.AddAll(
+      "", artifact::ValidateTrainingSettings(artifact::ResolveTrainingSettings(settings)));
   return Checked(violations);
 }
 
 absl::Status CheckTagRequest(const v1::TagRequest& request) {
   Violations violations;
   if (!request.model().empty() && !security::ParseModelReference(request.model(), "model").ok()) {
-    violations.push_back({"model", kModelRule});
+    violations.Add("model", kModelRule);
   }
-  if (request.datasets().empty()) violations.push_back({"datasets", "must name at least one"});
+  if (request.datasets().empty()) violations.Add("datasets", "must name at least one");
   std::set<std::string> seen;
   CheckDatasets(request.datasets(), "datasets", seen, violations);
   if (!security::ParseTagsName(request.tags(), "tags").ok()) {
-    violations.push_back(
-        {"tags", "expected tags/{tags}, with ids of lower-case letters, digits and hyphens"});
+    violations.Add("tags",
+                   "expected tags/{tags}, with ids of lower-case letters, digits and hyphens");
   }
   if (request.parts() < 0 || request.parts() > kMostParts) {
-    violations.push_back({"parts", absl::StrCat("must be at most ", kMostParts, ", or 0 for 1")});
+    violations.Add("parts", absl::StrCat("must be at most ", kMostParts, ", or 0 for 1"));
   } else if (request.part() < 0 || request.part() >= PartsOf(request)) {
-    violations.push_back({"part", absl::StrCat("must be 0 to ", PartsOf(request) - 1)});
+    violations.Add("part", absl::StrCat("must be 0 to ", PartsOf(request) - 1));
   }
   const double stride = StrideOf(request);
   // JSON, in which tags keep it, has no other.
@@ -342,8 +355,8 @@ absl::Status CheckTagRequest(const v1::TagRequest& request) {
       request.stride().nanos() >= 0 && request.stride().nanos() < 1'000'000'000;
   if (request.has_stride() &&
       !(is_well_formed && stride >= kLeastStride && stride <= kMostStride)) {
-    violations.push_back({"stride", absl::StrCat("must be ", kLeastStride, " to ", kMostStride,
-                                                 " seconds, with 0 to 999,999,999 nanos")});
+    violations.Add("stride", absl::StrCat("must be ", kLeastStride, " to ", kMostStride,
+                                          " seconds, with 0 to 999,999,999 nanos"));
   }
   CheckRequestId(request.request_id(), violations);
   CheckPriority(request.priority(), violations);

@@ -17,7 +17,7 @@
 namespace maneuver::jobs {
 
 // Check a request by itself, without looking up the models and datasets that it names.
-// INVALID_ARGUMENT lists each wrong field.
+// INVALID_ARGUMENT lists the first 16 wrong fields, and says how many more there are.
 absl::Status CheckTrainRequest(const v1::TrainRequest& request);
 absl::Status CheckEvaluateRequest(const v1::EvaluateRequest& request);
 absl::Status CheckCrossValidateRequest(const v1::CrossValidateRequest& request);

@@ -17,12 +17,19 @@
 
 namespace maneuver::jobs {
 
+// A job whose row is damaged.
+struct DamagedJob {
+  std::string name;    // jobs/{job}; empty if that is damaged, too
+  absl::Status error;  // DATA_LOSS; the message names the job
+  size_t newer = 0;    // how many jobs of its page are newer
+};
+
 // A page of jobs.
 struct JobPage {
   std::vector<v1::Job> jobs;
   std::string next_page_token;  // empty on the last page
-  // DATA_LOSS of each job that is left out because its row is damaged; the message names it.
-  std::vector<absl::Status> damaged = {};
+  // The jobs that `jobs` leaves out, newest first.
+  std::vector<DamagedJob> damaged = {};
 };
 
 // A job, found by the request_id of the request that created it.
@@ -85,9 +92,9 @@ class JobStore {
   // Returns the job that a request created, if there is one.
   virtual absl::StatusOr<std::optional<RequestedJob>> FindRequest(
       const std::string& request_id) = 0;
-  // Returns a page of jobs, newest first, without those that are damaged. INVALID_ARGUMENT for a
-  // token that List did not return.
-  //   page_size: 1 or more
+  // Returns a page of jobs, newest first; damaged ones apart. INVALID_ARGUMENT for a token that List
+  // did not return.
+  //   page_size: 1 or more, of sound and damaged jobs together
   virtual absl::StatusOr<JobPage> List(int page_size, const std::string& page_token) = 0;
   // Returns the jobs in a state, at most `limit`, in the order in which pending jobs start: the
   // highest priority first, among equals the oldest. DATA_LOSS if one of them is damaged.

@@ -55,7 +55,7 @@ absl::Status Retention::SweepJobs(absl::Time now) {
   do {
     const auto page = jobs_.store().List(kPage, token);
     if (!page.ok()) return page.status();
-    for (const absl::Status& damage : page->damaged) result.Update(damage);
+    for (const DamagedJob& job : page->damaged) result.Update(job.error);
     for (const v1::Job& job : page->jobs) {
       if (!HasEnded(job.state())) continue;
       const absl::Duration age = now - ToTime(job.end_time());

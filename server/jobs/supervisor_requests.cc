@@ -273,6 +273,10 @@ absl::StatusOr<v1::Job> Supervisor::Admit(v1::Job job, const std::string& reques
     if (!status.ok()) {
       std::error_code ignored;  // the next start removes what is left
       fs::remove_all(FolderOf(job.name()), ignored);
+      if (absl::IsPermissionDenied(status)) {
+        // The server's, not the caller's.
+        return errors::WithReason(absl::InternalError(status.message()), "STORAGE_INACCESSIBLE");
+      }
       if (!absl::IsAlreadyExists(status)) return status;
       // Another server has just admitted it.
       earlier = EarlierJob(request_id, digest, &found);
@@ -298,13 +302,18 @@ absl::StatusOr<v1::Job> Supervisor::Get(const std::string& name) {
 absl::StatusOr<JobPage> Supervisor::List(int page_size, const std::string& page_token) {
   auto page = store_.List(page_size, page_token);
   if (!page.ok()) return page;
-  for (const absl::Status& damage : page->damaged) {
-    Log(LogLevel::kError, "a job that is damaged is left out of the list",
-        {{"reason", std::string(damage.message())}});
-  }
   std::vector<v1::Job*> jobs;
   for (v1::Job& job : page->jobs) jobs.push_back(&job);
   ExplainWaiting(jobs);
+  // From the end, so that the places before stay as they are.
+  for (auto damaged = page->damaged.rbegin(); damaged != page->damaged.rend(); ++damaged) {
+    Log(LogLevel::kError, "a damaged job is listed by its name alone",
+        {{"reason", std::string(damaged->error.message())}});
+    v1::Job job;
+    job.set_name(damaged->name);
+    *job.mutable_error() = errors::ToProto(errors::WithStorageReason(damaged->error));
+    page->jobs.insert(page->jobs.begin() + static_cast<ptrdiff_t>(damaged->newer), std::move(job));
+  }
   return page;
 }
 

@@ -54,6 +54,21 @@ absl::StatusOr<std::unique_ptr<DataLock>> DataLock::Take(const std::filesystem::
   return std::unique_ptr<DataLock>(new DataLock(descriptor));
 }
 
+std::string CloseToOthers(const std::filesystem::path& data_dir, bool is_shared) {
+  using std::filesystem::perms;
+  std::error_code error;
+  const perms mode = std::filesystem::status(data_dir, error).permissions();
+  if (error || (mode & perms::others_all) == perms::none) return "";
+  // Shared ones may be meant for others; a sticky one, such as /tmp, certainly is.
+  if (is_shared || (mode & perms::sticky_bit) != perms::none) {
+    return "other users can enter the data folder; if none of them needs to, close it: chmod 700";
+  }
+  std::filesystem::permissions(data_dir, perms::owner_all, error);
+  if (!error) return "other users could enter the data folder; its mode is 700 now";
+  return "other users can enter the data folder, and the server cannot close it (" +
+         error.message() + "); as its owner: chmod 700, or 750 for a group";
+}
+
 DataLock::~DataLock() { close(descriptor_); }
 
 }  // namespace maneuver

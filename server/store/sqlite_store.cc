@@ -29,6 +29,10 @@ absl::StatusOr<v1::Job> JobFrom(const Statement& row) {
                         row.IsNull(2) ? std::nullopt : std::optional(row.Bytes(2)));
 }
 
+void AddToPage(const Statement& row, jobs::JobPage* page) {
+  store::AddToPage(JobFrom(row), row.Bytes(3), page);
+}
+
 // Columns that AliasFrom reads.
 #define ALIAS_COLUMNS "model, alias, version, digest"
 
@@ -111,7 +115,7 @@ class FileStore final : public SqliteStore {
         return page;
       }
       last = select.Int(0);
-      AddToPage(JobFrom(select), &page);
+      AddToPage(select, &page);
     }
   }
 
@@ -120,7 +124,7 @@ class FileStore final : public SqliteStore {
     const MutexLock lock(mutex_);
     auto read = ReadInStateLocked(state, limit);
     if (!read.ok()) return read.status();
-    if (!read->damaged.empty()) return read->damaged.front();
+    if (!read->damaged.empty()) return read->damaged.front().error;
     return std::move(read->jobs);
   }
 
@@ -336,7 +340,7 @@ class FileStore final : public SqliteStore {
       const auto row = select.Step();
       if (!row.ok()) return row.status();
       if (!*row) break;
-      AddToPage(JobFrom(select), &read);
+      AddToPage(select, &read);
     }
     return read;
   }
@@ -347,7 +351,7 @@ class FileStore final : public SqliteStore {
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     auto read = ReadInStateLocked(state, limit);
     if (!read.ok()) return read.status();
-    for (const absl::Status& damage : read->damaged) damage_.Report(damage);
+    for (const jobs::DamagedJob& job : read->damaged) damage_.Report(job.error);
     return std::move(read->jobs);
   }
 

@@ -54,7 +54,7 @@ absl::StatusOr<StoreContents> CheckStore(Store& store) {
   do {
     const auto page = store.List(kPage, token);
     if (!page.ok()) return page.status();
-    if (!page->damaged.empty()) return page->damaged.front();
+    if (!page->damaged.empty()) return page->damaged.front().error;
     for (const v1::Job& job : page->jobs) {
       ++contents.jobs[job.state()];
       const auto events = CountEvents(store, job.name());

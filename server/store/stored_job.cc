@@ -5,6 +5,7 @@
 #include <string_view>
 #include <utility>
 
+#include "absl/strings/escaping.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "model/data/tfrecord.h"
@@ -44,6 +45,9 @@ bool ParseChecked(std::string_view bytes, google::protobuf::Message* message) {
   return true;
 }
 
+// A damaged name may be no UTF-8, which a message must be.
+std::string Readable(const std::string& name) { return absl::CHexEscape(name); }
+
 absl::Status Forbidden(v1::JobState from, v1::JobState to) {
   return absl::FailedPreconditionError(
       absl::StrCat("a job that is ", std::string(jobs::JobStateLabel(from)), " cannot become ",
@@ -79,10 +83,11 @@ absl::StatusOr<v1::Job> ParseStoredJob(const JobKey& key, const std::string& byt
   if (!ParseChecked(bytes, &job) ||
       (progress && !ParseChecked(*progress, job.mutable_progress()))) {
     return absl::DataLossError(
-        absl::StrCat("the job store holds a job that is damaged: ", key.name));
+        absl::StrCat("the job store holds a job that is damaged: ", Readable(key.name)));
   }
   if (job.name() != key.name || job.state() != key.state) {
-    return absl::DataLossError(absl::StrCat("the job store contradicts itself about ", key.name));
+    return absl::DataLossError(
+        absl::StrCat("the job store contradicts itself about ", Readable(key.name)));
   }
   if (job.has_progress() && jobs::HasEnded(job.state())) {
     // The latest event is of before the end.
@@ -92,11 +97,12 @@ absl::StatusOr<v1::Job> ParseStoredJob(const JobKey& key, const std::string& byt
   return job;
 }
 
-void AddToPage(absl::StatusOr<v1::Job> job, jobs::JobPage* page) {
+void AddToPage(absl::StatusOr<v1::Job> job, const std::string& name, jobs::JobPage* page) {
   if (job.ok()) {
     page->jobs.push_back(*std::move(job));
   } else {
-    page->damaged.push_back(job.status());
+    const bool is_name = security::ParseJobName(name, "name").ok();
+    page->damaged.push_back({is_name ? name : "", job.status(), page->jobs.size()});
   }
 }
 

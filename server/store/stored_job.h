@@ -42,7 +42,8 @@ absl::StatusOr<v1::Job> ParseStoredJob(const JobKey& key, const std::string& job
                                        const std::optional<std::string>& progress);
 
 // Adds the job of a row to a page, or the error of one that is damaged.
-void AddToPage(absl::StatusOr<v1::Job> job, jobs::JobPage* page);
+//   name: the column of the row
+void AddToPage(absl::StatusOr<v1::Job> job, const std::string& name, jobs::JobPage* page);
 
 // Logs the damaged jobs that a store passes over as it looks for one to run. Thread-safe.
 class DamageLog {

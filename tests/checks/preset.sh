@@ -36,7 +36,7 @@ case "$preset" in
   # Libraries with threads, without gRPC, which is not instrumented.
   tsan) programs=(locks machine files monitoring serving jobs store) ;;
   # The kernels as the packages hold them, on each target of this processor and plain, and the answers
-  # of small models.
+  # of small models. Then the hardening that this preset compiles in.
   portable) programs=(kernels inference) ;;
   *) echo "preset: asan, asan-gcc, tsan and portable are known" >&2; exit 2 ;;
 esac
@@ -69,3 +69,7 @@ for program in "${programs[@]}"; do
   for ((shard = 0; shard < shards; ++shard)); do echo "$program $shard"; done
 done | xargs -P "$(nproc)" -L 1 bash -c 'run "$@"' run "$preset" || exit 1
 echo "$preset: tests pass: ${programs[*]}"
+# The packages' programs, which are not built here, have the same flags.
+if [ "$preset" = portable ] && [[ " ${programs[*]} " = *" inference "* ]]; then
+  tests/packages/hardening_test.sh build/portable/tests/inference_test
+fi

@@ -61,7 +61,8 @@ std::string FirstDifference(const std::string& answer, const std::string& whole)
 }  // namespace
 
 void ExpectNoSilentDamage(const fs::path& folder, const ReadAll& read,
-                          const std::vector<std::string>& also) {
+                          const std::vector<std::string>& also,
+                          const std::vector<FilePart>& parts) {
   const bool every_byte = std::getenv("MANEUVER_EVERY_BYTE") != nullptr;
   const auto contents = Contents(folder);
   const absl::StatusOr<std::string> whole = read(folder);
@@ -70,9 +71,15 @@ void ExpectNoSilentDamage(const fs::path& folder, const ReadAll& read,
   int refused = 0;
   int same = 0;
   int silent = 0;
+  std::vector<FilePart> flipped = parts;
   for (const auto& [file, content] : contents) {
-    const size_t stride = every_byte || content.size() <= kLargeFile ? 1 : kStride;
-    for (size_t at = 0; at < content.size(); at += stride) {
+    if (parts.empty()) flipped.push_back({file, 0, content.size()});
+  }
+  for (const auto& [file, begin, end] : flipped) {
+    const std::string& content = contents.at(file);
+    const bool each = every_byte || !parts.empty() || content.size() <= kLargeFile;
+    const size_t stride = each ? 1 : kStride;
+    for (size_t at = begin; at < end; at += stride) {
       for (size_t flip = 0; flip < kFlips.size(); ++flip) {
         if (!every_byte && flip != at / stride % kFlips.size()) continue;
         std::string damaged = content;

@@ -3,6 +3,10 @@
 #include "tests/durability/corruption.h"
 
 #include <gtest/gtest.h>
+#include <sqlite3.h>
+
+#include <fstream>
+#include <iterator>
 
 #include "absl/strings/str_cat.h"
 #include "model/artifact/model_folder.h"
@@ -149,6 +153,7 @@ absl::StatusOr<std::string> ReadStore(const fs::path& folder) {
   std::string all;
   const auto page = (*store)->List(100, "");
   if (!page.ok()) return page.status();
+  if (!page->damaged.empty()) return page->damaged.front().error;
   for (const v1::Job& job : page->jobs) {
     absl::StrAppend(&all, job.DebugString());
     const auto events = (*store)->ListProgress(job.name(), 0, 100);
@@ -173,26 +178,65 @@ absl::StatusOr<std::string> ReadStore(const fs::path& folder) {
   return all;
 }
 
+void WriteStore(const fs::path& file) {
+  const auto store = store::SqliteStore::Open(file);
+  ASSERT_TRUE(store.ok()) << store.status();
+  ASSERT_TRUE((*store)->Add(JobInState("first", v1::JOB_STATE_PENDING), "request", "digest").ok());
+  ASSERT_TRUE((*store)->Add(JobInState("second", v1::JOB_STATE_PENDING), "", "").ok());
+  const auto claimed = (*store)->Claim([](v1::Job&) {});
+  ASSERT_TRUE(claimed.ok() && *claimed) << claimed.status();
+  for (int i = 1; i <= 3; ++i) {
+    v1::JobProgress progress;
+    progress.set_sequence(i);
+    progress.set_phase("joint");
+    ASSERT_TRUE((*store)->AddProgress((*claimed)->lease, progress).ok());
+  }
+  ASSERT_TRUE((*store)->SetAlias({"town", "serving"}, 3).ok());
+  ASSERT_TRUE((*store)->SetAlias({"town", "candidate"}, 4).ok());
+}
+
 TEST(CorruptionTest, NoByteOfTheJobStoreIsAlteredInSilence) {
   const TemporaryFolder folder;
-  {
-    const auto store = store::SqliteStore::Open(folder / "maneuver.db");
-    ASSERT_TRUE(store.ok()) << store.status();
-    ASSERT_TRUE(
-        (*store)->Add(JobInState("first", v1::JOB_STATE_PENDING), "request", "digest").ok());
-    ASSERT_TRUE((*store)->Add(JobInState("second", v1::JOB_STATE_PENDING), "", "").ok());
-    const auto claimed = (*store)->Claim([](v1::Job&) {});
-    ASSERT_TRUE(claimed.ok() && *claimed) << claimed.status();
-    for (int i = 1; i <= 3; ++i) {
-      v1::JobProgress progress;
-      progress.set_sequence(i);
-      progress.set_phase("joint");
-      ASSERT_TRUE((*store)->AddProgress((*claimed)->lease, progress).ok());
-    }
-    ASSERT_TRUE((*store)->SetAlias({"town", "serving"}, 3).ok());
-    ASSERT_TRUE((*store)->SetAlias({"town", "candidate"}, 4).ok());
-  }
+  ASSERT_NO_FATAL_FAILURE(WriteStore(folder / "maneuver.db"));
   ExpectNoSilentDamage(folder.path(), ReadStore);
+}
+
+// Returns what the table of jobs and its indexes use of their pages: of each page the header with
+// the places of the rows, and the rows. All fit in one page, a leaf.
+std::vector<FilePart> UsedPartsOfJobs(const fs::path& file) {
+  sqlite3* database = nullptr;
+  EXPECT_EQ(sqlite3_open(file.c_str(), &database), SQLITE_OK);
+  sqlite3_stmt* pages = nullptr;
+  EXPECT_EQ(sqlite3_prepare_v2(database,
+                               "SELECT rootpage, (SELECT page_size FROM pragma_page_size) FROM "
+                               "sqlite_schema WHERE tbl_name = 'jobs'",
+                               -1, &pages, nullptr),
+            SQLITE_OK);
+  std::ifstream stream(file, std::ios::binary);
+  const std::string bytes{std::istreambuf_iterator<char>(stream), {}};
+  std::vector<FilePart> parts;
+  while (sqlite3_step(pages) == SQLITE_ROW) {
+    const auto page_size = static_cast<size_t>(sqlite3_column_int(pages, 1));
+    const size_t page = static_cast<size_t>(sqlite3_column_int(pages, 0) - 1) * page_size;
+    const auto number = [&](size_t at) {  // two bytes, the higher one first
+      return size_t{static_cast<uint8_t>(bytes[page + at])} << 8 |
+             static_cast<uint8_t>(bytes[page + at + 1]);
+    };
+    EXPECT_TRUE(bytes[page] == 13 || bytes[page] == 10) << "page " << page << " is no leaf";
+    parts.push_back({file, page, page + 8 + 2 * number(3)});
+    parts.push_back({file, page + number(5), page + page_size});
+  }
+  sqlite3_finalize(pages);
+  sqlite3_close(database);
+  return parts;
+}
+
+TEST(CorruptionTest, NoByteOfAJobIsAlteredInSilence) {
+  const TemporaryFolder folder;
+  ASSERT_NO_FATAL_FAILURE(WriteStore(folder / "maneuver.db"));
+  const std::vector<FilePart> parts = UsedPartsOfJobs(folder / "maneuver.db");
+  ASSERT_EQ(parts.size(), 8u);  // a table and three indexes
+  ExpectNoSilentDamage(folder.path(), ReadStore, {}, parts);
 }
 
 }  // namespace

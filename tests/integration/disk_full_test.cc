@@ -26,6 +26,7 @@ namespace maneuver::integration {
 namespace {
 
 namespace fs = std::filesystem;
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 class DiskFullTest : public ::testing::Test {
@@ -40,10 +41,11 @@ class DiskFullTest : public ::testing::Test {
     }
     mounted_ = true;
     fs::create_directories(data_dir() / "models" / "tiny");
-    ASSERT_TRUE(
-        artifact::WriteModelFolder(data_dir() / "models" / "tiny" / "1",
-                                   inference::RandomModel(artifact::TinyModel().manifest.spec(), 1))
-            .ok());
+    artifact::StoredModel model = inference::RandomModel(artifact::TinyModel().manifest.spec(), 1);
+    for (int i = 0; i < model.manifest.spec().actions(); ++i) {
+      model.manifest.add_actions()->set_action_id(i);
+    }
+    ASSERT_TRUE(artifact::WriteModelFolder(data_dir() / "models" / "tiny" / "1", model).ok());
     std::ofstream(folder_.path() / "tiny.json") << kTinySettings;
     WriteTown(folder_.path() / "town", 1, 24, nullptr);
     server_ = std::make_unique<ServerProcess>(
@@ -63,6 +65,14 @@ class DiskFullTest : public ::testing::Test {
   std::string Maneuver(const std::vector<std::string>& arguments) {
     std::string output;
     status_ = RunManeuver(*server_, arguments, &output);
+    return output;
+  }
+
+  // Runs `maneuver`, which must fail, and returns its error, with the reason on the wire.
+  std::string Refused(std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), {"--output", "json"});
+    const std::string output = Maneuver(arguments);
+    EXPECT_EQ(status_, 1) << output;
     return output;
   }
 
@@ -155,14 +165,14 @@ TEST_F(DiskFullTest, LosesNothingAndContinuesTheJobOnceThereIsRoom) {
 
   // Predictions still work. Requests that need storage are refused.
   EXPECT_TRUE(Predicts());
-  EXPECT_THAT(Maneuver(Train("another")), HasSubstr("full"));
-  EXPECT_EQ(status_, 1);
+  const auto says_full = AllOf(HasSubstr("full"), HasSubstr("DISK_FULL"));
+  EXPECT_THAT(Refused(Train("another")), says_full);
   EXPECT_THAT(Maneuver({"dataset", "upload", folder_.path() / "town", "second"}),
               HasSubstr("delete datasets or models"));
   EXPECT_EQ(status_, 1);
-  EXPECT_THAT(Maneuver({"model", "promote", "tiny/1"}), HasSubstr("full"));
-  EXPECT_THAT(Maneuver(Tag()), HasSubstr("full"));
-  EXPECT_EQ(status_, 1);
+  EXPECT_THAT(Refused({"model", "promote", "tiny/1"}), says_full);
+  EXPECT_THAT(Refused({"model", "label", "tiny/1", "0", "turn"}), says_full);
+  EXPECT_THAT(Refused(Tag()), says_full);
   EXPECT_TRUE(WaitFor([&] { return server_->Trainers().empty(); }, std::chrono::seconds(60)));
   EXPECT_TRUE(Predicts());
 

@@ -443,7 +443,10 @@ class Client(Predictor):
             v1.Job, self._connection.training.GetJob, v1.GetJobRequest(name=name), timeout)
 
     def list_jobs(self, *, timeout: Optional[float] = None) -> Iterator[v1.Job]:
-        """Yields all jobs, newest first. timeout: for each page."""
+        """Yields all jobs, newest first. timeout: for each page.
+
+        Of a job whose record on the server is damaged, only name and error are set.
+        """
         return self._pages(
             self._connection.training.ListJobs, v1.ListJobsRequest(), "jobs", timeout)
 

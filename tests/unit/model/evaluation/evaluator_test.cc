@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <limits>
 #include <memory>
 #include <string>
 #include <utility>
@@ -206,6 +207,15 @@ class EvaluatorTest : public testing::Test {
   EvaluationInput input_;
   std::shared_ptr<const FakeModel> model_ = std::make_shared<FakeModel>();
 };
+
+// With this error the job fails as METRICS_NOT_FINITE.
+TEST_F(EvaluatorTest, RefusesTheFiguresOfAModelThatOverflows) {
+  const FakeModel model({std::numeric_limits<double>::infinity(), 0.3, 0.1});
+  const auto report = Evaluate(model, input_);
+  EXPECT_TRUE(absl::IsOutOfRange(report.status())) << report.status();
+  EXPECT_THAT(std::string(report.status().message()),
+              testing::MatchesRegex("the evaluation's metrics\\[.*\\] is not finite"));
+}
 
 TEST_F(EvaluatorTest, MeasuresModelAndBaselinesAgainstTheRecording) {
   const auto report = Evaluate(*model_, input_);

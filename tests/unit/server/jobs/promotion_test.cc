@@ -256,6 +256,41 @@ TEST_F(PromotionTest, RefusesRequirementsThatCannotBeMet) {
   EXPECT_TRUE(CheckTrainRequest(request).ok());
 }
 
+// The wrong fields that an error lists.
+google::protobuf::RepeatedPtrField<v1::BadRequest::FieldViolation> Listed(
+    const absl::Status& status) {
+  v1::BadRequest details;
+  const auto payload = status.GetPayload("type.googleapis.com/google.rpc.BadRequest");
+  EXPECT_TRUE(payload && details.ParseFromString(std::string(*payload))) << status;
+  return details.field_violations();
+}
+
+TEST_F(PromotionTest, RefusesTooManyRequirementsWithoutLookingAtThem) {
+  v1::TrainRequest request;
+  request.set_model("models/town");
+  request.add_datasets("datasets/town");
+  request.set_promotion(v1::PROMOTION_IF_NO_WORSE);
+  request.mutable_promotion_criteria()->set_dataset("datasets/unseen");
+  // Each is wrong without settings.baselines.
+  for (int i = 0; i < 100'000; ++i) {
+    request.mutable_promotion_criteria()->add_rivals()->set_rival("covernet");
+  }
+  const absl::Status refused = CheckTrainRequest(request);
+  EXPECT_EQ(std::string(refused.message()), "promotion_criteria.rivals: must be at most 20");
+  EXPECT_EQ(Listed(refused).size(), 1);
+}
+
+TEST_F(PromotionTest, ListsTheFirst16WrongFieldsAndCountsTheOthers) {
+  v1::TrainRequest request;
+  request.set_model("models/town");
+  for (int i = 0; i < 100; ++i) request.add_datasets("no dataset");
+  const auto listed = Listed(CheckTrainRequest(request));
+  ASSERT_EQ(listed.size(), 16);
+  EXPECT_EQ(listed[0].field(), "datasets[0]");
+  EXPECT_EQ(listed[15].field(), "datasets[15]");
+  EXPECT_THAT(listed[15].description(), HasSubstr(" (and 84 more fields are wrong)"));
+}
+
 TEST_F(PromotionTest, ReusesAReportOnlyOfTheSameExamples) {
   versions_.kept[kOld] = versions_.truth[kOld];
   Decide();

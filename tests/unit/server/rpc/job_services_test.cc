@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
+#include <sqlite3.h>
 
 #include <string>
 #include <vector>
@@ -10,6 +11,7 @@
 #include "maneuver/v1/dataset_service.grpc.pb.h"
 #include "maneuver/v1/training_service.grpc.pb.h"
 #include "model/files/durable_file.h"
+#include "server/errors/error_details.h"
 #include "server/monitoring/prometheus_metrics.h"
 #include "server/rpc/dataset_service.h"
 #include "server/rpc/training_service.h"
@@ -55,6 +57,16 @@ class JobServicesTest : public jobs::SupervisorTest {
   ~JobServicesTest() override {
     supervisor_->Stop();
     server_->Shutdown(std::chrono::system_clock::now());
+  }
+
+  // Changes a row beside the store, which the server has open.
+  void DamageJob(const std::string& sql) {
+    sqlite3* database = nullptr;
+    ASSERT_EQ(sqlite3_open((folder_ / "maneuver.db").c_str(), &database), SQLITE_OK);
+    sqlite3_busy_timeout(database, 10'000);
+    EXPECT_EQ(sqlite3_exec(database, sql.c_str(), nullptr, nullptr, nullptr), SQLITE_OK)
+        << sqlite3_errmsg(database);
+    sqlite3_close(database);
   }
 
   void WriteTokens(const std::string& lines) {
@@ -483,6 +495,38 @@ TEST_F(JobServicesTest, ListsJobsNewestFirstInPages) {
   grpc::ClientContext third;
   EXPECT_EQ(training_stub_->ListJobs(&third, request, &page).error_code(),
             grpc::StatusCode::INVALID_ARGUMENT);
+}
+
+TEST_F(JobServicesTest, ListsADamagedJobByItsNameAndItsError) {
+  std::vector<std::string> names;
+  for (int i = 0; i < 4; ++i) {
+    names.push_back(TrainOverTheWire().name());
+    WaitForEnd(names.back());
+  }
+  DamageJob("UPDATE jobs SET job = x'00' WHERE name = '" + names[2] + "'");
+  DamageJob("UPDATE jobs SET name = x'6a6fff' WHERE name = '" + names[1] + "'");
+  grpc::ClientContext context;
+  v1::ListJobsResponse page;
+  const grpc::Status status = training_stub_->ListJobs(&context, {}, &page);
+  ASSERT_TRUE(status.ok()) << status.error_message();
+  ASSERT_EQ(page.jobs_size(), 4);
+  EXPECT_EQ(page.jobs(0).name(), names[3]);
+  EXPECT_EQ(page.jobs(0).state(), v1::JOB_STATE_SUCCEEDED);
+  EXPECT_EQ(page.jobs(3).name(), names[0]);
+
+  v1::Job damaged;
+  damaged.set_name(names[2]);
+  *damaged.mutable_error() = page.jobs(1).error();
+  EXPECT_EQ(page.jobs(1).SerializeAsString(), damaged.SerializeAsString());
+  EXPECT_THAT(page.jobs(1).error().message(), HasSubstr(names[2]));
+  // A name that is no name, and no UTF-8.
+  EXPECT_EQ(page.jobs(2).name(), "");
+  EXPECT_THAT(page.jobs(2).error().message(), HasSubstr("jo\\xff"));
+  for (const int place : {1, 2}) {
+    const absl::Status error = errors::FromProto(page.jobs(place).error());
+    EXPECT_TRUE(absl::IsDataLoss(error)) << error;
+    EXPECT_EQ(errors::ReasonOf(error), "STORAGE_DAMAGED");
+  }
 }
 
 TEST_F(JobServicesTest, OnlyGetJobReturnsSampledExamples) {

@@ -7,6 +7,7 @@
 
 #include "model/artifact/model_folder.h"
 #include "model/files/durable_file.h"
+#include "model/files/sealed_json.h"
 #include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/server/serving/serving_table_fixture.h"
 
@@ -17,9 +18,11 @@ namespace fs = std::filesystem;
 using security::ModelAliasName;
 using security::ModelReference;
 using security::ModelVersionName;
+using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
+using ::testing::Not;
 
 TEST_F(ServingTableTest, WithoutModelsTheErrorSaysToTrainOne) {
   const auto found = table_->Find(std::nullopt);
@@ -91,6 +94,21 @@ TEST_F(ServingTableTest, ModelsMustBeNamedWhenSeveralServe) {
   const auto found = table_->Find(std::nullopt);
   EXPECT_TRUE(absl::IsFailedPrecondition(found.status()));
   EXPECT_THAT(std::string(found.status().message()), HasSubstr("name one"));
+}
+
+TEST_F(ServingTableTest, WarnsOfAModelFolderWithoutADigest) {
+  const auto publish = [this](const std::string& manifest) {
+    const fs::path finished = FinishedModel();
+    std::ofstream(finished / "model.json") << manifest;
+    testing::internal::CaptureStderr();
+    EXPECT_TRUE(table_->Publish("town", finished, v1::PROMOTION_NEVER).ok());
+    return testing::internal::GetCapturedStderr();
+  };
+  const std::string said = publish(files::Seal("{}"));
+  EXPECT_THAT(said, AllOf(HasSubstr("model loaded"), Not(HasSubstr("carries no digest"))));
+  // As an earlier release wrote it.
+  EXPECT_THAT(publish("{}"), AllOf(HasSubstr("model loaded"), HasSubstr("carries no digest"),
+                                   HasSubstr("models/town/versions/2")));
 }
 
 TEST_F(ServingTableTest, DoesNotPublishADamagedModel) {

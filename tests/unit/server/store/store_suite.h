@@ -141,8 +141,10 @@ TEST_P(StoreTest, AListLeavesOutADamagedJobAndNamesIt) {
   ASSERT_TRUE(all.ok()) << all.status();
   EXPECT_EQ(NamesOf(all->jobs), (std::vector<std::string>{"jobs/d", "jobs/b", "jobs/a"}));
   ASSERT_EQ(all->damaged.size(), 1u);
-  EXPECT_TRUE(absl::IsDataLoss(all->damaged[0]));
-  EXPECT_THAT(std::string(all->damaged[0].message()), testing::HasSubstr("jobs/c"));
+  EXPECT_EQ(all->damaged[0].name, "jobs/c");
+  EXPECT_EQ(all->damaged[0].newer, 1u);  // jobs/d
+  EXPECT_TRUE(absl::IsDataLoss(all->damaged[0].error));
+  EXPECT_THAT(std::string(all->damaged[0].error.message()), testing::HasSubstr("jobs/c"));
   const auto damaged = store_->Get("jobs/c").status();
   EXPECT_TRUE(absl::IsDataLoss(damaged));
   EXPECT_THAT(std::string(damaged.message()), testing::HasSubstr("jobs/c"));
