@@ -498,10 +498,10 @@ TEST_F(JobServicesTest, ListsJobsNewestFirstInPages) {
 }
 
 TEST_F(JobServicesTest, ListsADamagedJobByItsNameAndItsError) {
-  std::vector<std::string> names;
-  for (int i = 0; i < 4; ++i) {
-    names.push_back(TrainOverTheWire().name());
-    WaitForEnd(names.back());
+  std::vector<std::string> names(4);
+  for (std::string& name : names) {
+    name = TrainOverTheWire().name();
+    WaitForEnd(name);
   }
   DamageJob("UPDATE jobs SET job = x'00' WHERE name = '" + names[2] + "'");
   DamageJob("UPDATE jobs SET name = x'6a6fff' WHERE name = '" + names[1] + "'");
