@@ -304,6 +304,15 @@ void Replace(const v1::TrainingSettings& settings, v1::TrainingSettings* preset)
   }
 }
 
+// Returns whether a spec describes a model from its inputs to its trajectories. What such a spec does
+// not have, its model is without.
+bool IsWhole(const v1::ModelSpec& spec) {
+  return (spec.has_raster() || spec.has_scene_vectors()) && spec.has_trajectory() &&
+         spec.actions() > 0 && spec.latent_dimensions() > 0 && spec.has_action_predictor() &&
+         spec.has_trajectory_encoder() && spec.has_decoder() && spec.has_scenario_encoder() &&
+         spec.decoder_stddev() > 0.0 && spec.objective() != v1::OBJECTIVE_UNSPECIFIED;
+}
+
 v1::TrainingSettings ParsePreset(std::initializer_list<const char*> texts) {
   v1::TrainingSettings preset;
   for (const char* text : texts) {
@@ -426,6 +435,8 @@ v1::TrainingSettings ResolveTrainingSettings(const v1::TrainingSettings& setting
   } else {
     return settings;
   }
+  // Settings that were resolved before, by the server for its trainer, must stay what they are.
+  if (IsWhole(settings.model())) resolved.clear_model();
   Replace(settings, &resolved);
   if (resolved.optimization().decoder_covariance() == v1::DECODER_COVARIANCE_PREDICTED &&
       !resolved.model().has_decoder_covariance()) {

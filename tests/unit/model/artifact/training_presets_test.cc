@@ -219,6 +219,22 @@ TEST(TrainingPresetsTest, ZeroWidthsTurnOffPartsOfLanes) {
   EXPECT_THAT(WrongFields(history), ElementsAre());
 }
 
+// The server resolves settings, and its trainer resolves them again.
+TEST(TrainingPresetsTest, ResolvedSettingsStayAsTheyAre) {
+  std::vector<v1::TrainingSettings> all(1);
+  for (const char* preset : {"compact", "lanes", "lanes-metres", "literal", "paper", "resnet50"}) {
+    all.emplace_back().set_preset(preset);
+  }
+  all.emplace_back().mutable_model()->mutable_action_geometry()->set_pair_width(0);
+  all.emplace_back().mutable_model()->mutable_scene_vectors()->set_agent_width(0);
+  all.emplace_back().mutable_model()->set_mean_residual(false);
+  all.emplace_back().mutable_optimization()->set_decoder_covariance(v1::DECODER_COVARIANCE_LEARNED);
+  for (const v1::TrainingSettings& settings : all) {
+    const v1::TrainingSettings resolved = ResolveTrainingSettings(settings);
+    EXPECT_EQ(ResolveTrainingSettings(resolved).DebugString(), resolved.DebugString());
+  }
+}
+
 TEST(TrainingPresetsTest, ActionsThatLookAtPathsNeedThem) {
   const v1::TrainingSettings settings = Resolved("model { scene_vectors { path_width: 0 } }");
   const auto violations = ValidateTrainingSettings(settings);
