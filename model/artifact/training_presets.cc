@@ -287,6 +287,14 @@ void ClearReplaced(const Message& settings, Message* preset) {
   }
 }
 
+// Returns whether a spec describes a model from its inputs to its trajectories.
+bool IsWhole(const v1::ModelSpec& spec) {
+  return (spec.has_raster() || spec.has_scene_vectors()) && spec.has_trajectory() &&
+         spec.actions() > 0 && spec.latent_dimensions() > 0 && spec.has_action_predictor() &&
+         spec.has_trajectory_encoder() && spec.has_decoder() && spec.has_scenario_encoder() &&
+         spec.decoder_stddev() > 0.0 && spec.objective() != v1::OBJECTIVE_UNSPECIFIED;
+}
+
 // Sets the fields of `preset` that are set in `settings`.
 void Replace(const v1::TrainingSettings& settings, v1::TrainingSettings* preset) {
   ClearReplaced(settings, preset);
@@ -298,19 +306,13 @@ void Replace(const v1::TrainingSettings& settings, v1::TrainingSettings* preset)
     preset->mutable_model()->mutable_backbone()->clear_residual();
   }
   preset->MergeFrom(settings);
-  if (settings.model().action_geometry().has_pair_width() &&
-      settings.model().action_geometry().pair_width() == 0) {
+  // Settings that were resolved before, by the server for its trainer, are whole, and lack what was
+  // turned off.
+  const bool lacks = IsWhole(settings.model()) && !settings.model().has_action_geometry();
+  if (lacks || (settings.model().action_geometry().has_pair_width() &&
+                settings.model().action_geometry().pair_width() == 0)) {
     preset->mutable_model()->clear_action_geometry();
   }
-}
-
-// Returns whether a spec describes a model from its inputs to its trajectories. What such a spec does
-// not have, its model is without.
-bool IsWhole(const v1::ModelSpec& spec) {
-  return (spec.has_raster() || spec.has_scene_vectors()) && spec.has_trajectory() &&
-         spec.actions() > 0 && spec.latent_dimensions() > 0 && spec.has_action_predictor() &&
-         spec.has_trajectory_encoder() && spec.has_decoder() && spec.has_scenario_encoder() &&
-         spec.decoder_stddev() > 0.0 && spec.objective() != v1::OBJECTIVE_UNSPECIFIED;
 }
 
 v1::TrainingSettings ParsePreset(std::initializer_list<const char*> texts) {
@@ -435,8 +437,6 @@ v1::TrainingSettings ResolveTrainingSettings(const v1::TrainingSettings& setting
   } else {
     return settings;
   }
-  // Settings that were resolved before, by the server for its trainer, must stay what they are.
-  if (IsWhole(settings.model())) resolved.clear_model();
   Replace(settings, &resolved);
   if (resolved.optimization().decoder_covariance() == v1::DECODER_COVARIANCE_PREDICTED &&
       !resolved.model().has_decoder_covariance()) {
