@@ -262,7 +262,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   const auto lock = DataLock::Take(options.data_dir, options.is_shared);
   if (!lock.ok()) return lock.status();
   const std::string modes = CloseToOthers(options.data_dir, options.is_shared);
-  if (!modes.empty()) Log(LogLevel::kWarning, modes, {{"folder", options.data_dir.string()}});
+  if (!modes.empty()) Log(LogLevel::kWarning, modes);
   metrics->WatchDisk(options.data_dir);
   const auto store = store::OpenStore(options.data_dir, options.store, options.is_shared, *metrics);
   if (!store.ok()) return store.status();
