@@ -78,7 +78,7 @@ class ConnectionLimit {
  private:
   const int port_;
   const int most_;
-  std::set<std::pair<int, std::string>> known_;  // descriptor and peer of those that stayed
+  std::set<std::pair<int, std::string>> known_;  // connections that stayed: descriptor and peer
 };
 
 }  // namespace maneuver::rpc

@@ -13,25 +13,17 @@ import stat
 import subprocess
 import sys
 import tempfile
-import time
 import unittest
 
+from backup_test import PATIENCE_S, wait_for
+
 DEPLOY = pathlib.Path(__file__).resolve().parent.parent.parent / "deploy"
-PATIENCE_S = 120
 ENDED = ("JOB_STATE_FAILED", "JOB_STATE_CANCELLED")
 options = None
 
 
 def mode_of(path):
     return oct(stat.S_IMODE(os.stat(path).st_mode))
-
-
-def wait_for(condition, what):
-    give_up = time.monotonic() + PATIENCE_S
-    while not condition():
-        if time.monotonic() > give_up:
-            raise RuntimeError(f"{what}: not within {PATIENCE_S} s")
-        time.sleep(0.02)
 
 
 class Server:

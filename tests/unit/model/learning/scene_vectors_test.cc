@@ -191,16 +191,21 @@ TEST(RobustReconstructionTest, ItsGradientIsThatOfFiniteDifferences) {
   }
 }
 
+// Eight examples of vehicles that drive arcs.
+SceneLoader::Batch ArcBatch(const v1::TrainingSettings& settings) {
+  const TrainingData data = *SplitRecordings(ArcRecordings(40), settings);
+  const SceneSource source(settings.model(), data.training, 1);
+  SceneLoader loader(settings.model(), source, DrawItems(data.training, 8), 8, 1);
+  return *loader.Next();
+}
+
 // With as many actions as there are, the reconstruction over the likeliest ones is that over all.
 TEST(SceneBoundTest, TheKMostProbableOfKActionsAreAll) {
   v1::TrainingSettings settings = TinyLanesSettings();
   settings.mutable_optimization()->set_responsibilities(v1::RESPONSIBILITIES_PRINTED);
   at::Generator generator = MakeGenerator(2);
   Networks networks(settings.model(), at::Device(at::kCPU), generator);
-  const TrainingData data = *SplitRecordings(ArcRecordings(40), settings);
-  const SceneSource source(settings.model(), data.training, 1);
-  SceneLoader loader(settings.model(), source, DrawItems(data.training, 8), 8, 1);
-  const SceneLoader::Batch batch = *loader.Next();
+  const SceneLoader::Batch batch = ArcBatch(settings);
   const NoiseSource means = [](at::IntArrayRef shape) { return at::zeros(shape); };
   at::NoGradGuard no_grad;
   const SceneBatch scenes{batch.trajectories, networks.EncodeScenes(batch.scenes, {}), {}};
@@ -226,10 +231,7 @@ TEST(SceneBoundTest, MoreActionsThanThereAreAreAll) {
   settings.mutable_model()->set_actions(kActions);
   at::Generator generator = MakeGenerator(2);
   Networks networks(settings.model(), at::Device(at::kCPU), generator);
-  const TrainingData data = *SplitRecordings(ArcRecordings(40), settings);
-  const SceneSource source(settings.model(), data.training, 1);
-  SceneLoader loader(settings.model(), source, DrawItems(data.training, 8), 8, 1);
-  const SceneLoader::Batch batch = *loader.Next();
+  const SceneLoader::Batch batch = ArcBatch(settings);
   using Part = Networks::Part;
   std::vector<at::Tensor> parameters;
   for (const Part part : {Part::kTrajectoryEncoder, Part::kDecoder, Part::kMixture, Part::kScene,
