@@ -26,7 +26,8 @@ void ActionStatistics::Add(const Eigen::VectorXd& predicted,
   entropy_sum_ += Entropy(predicted);
   Eigen::Index top = 0;
   const double confidence = predicted.maxCoeff(&top);
-  const int bin = std::clamp(static_cast<int>(confidence * kBins), 0, kBins - 1);
+  // What is not a number has no bin; the last one takes it, and the figures say that they are not finite.
+  const int bin = confidence < 1.0 ? std::max(0, static_cast<int>(confidence * kBins)) : kBins - 1;
   bins_[bin].confidence += confidence;
   bins_[bin].responsibility += responsibilities[top];
   ++bins_[bin].examples;

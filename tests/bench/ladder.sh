@@ -9,12 +9,11 @@
 #                                              temporary folder); folds that are there are not run again
 #   OTHER=FOLDER          a dataset that each fold's model is measured on as a whole: out of distribution
 #
-# Two folds run side by side, one on each core. A row takes about a quarter of an hour on 285
-# recordings and two cores; `paper` takes hours, so it runs only if ROWS names it.
+# Each core runs one fold at a time. A row takes about a quarter of an hour of one core on 285
+# recordings; `paper` takes hours, so it runs only if ROWS names it.
 set -euo pipefail
 : "${1:?name dataset folders; see the beginning of this script}"
 other=${OTHER:-}
-datasets=("$@")
 seeds=${SEEDS:-1}
 folds=${FOLDS:-5}
 results=${RESULTS:-$(mktemp -d)}
@@ -44,25 +43,28 @@ declare -A settings=(
 rows=${ROWS:-literal compact lanes-metres absolute history no-agents no-geometry relative gaussian
   table-covariance no-noise sparse printed no-decay lanes}
 
-run_row() { # row
-  local row=$1 running=0
+# Folds of all rows share the cores, so that none is idle at the end of a row.
+run_fold() { # option... row fold
+  local row=${*: -2:1} fold=${*: -1}
+  OMP_NUM_THREADS=1 "$bin/maneuver-trainer" cross-validate "${@:1:$#-2}" \
+    --settings "$results/$row.settings.json" --folds "$folds" --seeds "$seeds" --only-fold "$fold" \
+    --part "$results/$row.$fold.part" --threads 1 --progress none >"$results/$row.$fold.log" 2>&1 &&
+    return
+  echo "ladder: fold $fold of $row failed; see $results/$row.$fold.log" >&2
+  return 255  # xargs starts no more
+}
+export bin results seeds folds
+export -f run_fold
+for row in $rows; do
+  [ -s "$results/$row.json" ] && continue
   echo "${settings[$row]}" >"$results/$row.settings.json"
   for fold in $(seq "$folds"); do
-    [ -s "$results/$row.$fold.part" ] && continue
-    OMP_NUM_THREADS=1 "$bin/maneuver-trainer" cross-validate --dataset "${datasets[@]}" \
-      ${other:+--test-dataset "other=$other"} --settings "$results/$row.settings.json" \
-      --folds "$folds" --seeds "$seeds" --only-fold "$fold" --part "$results/$row.$fold.part" \
-      --threads 1 --progress none >"$results/$row.$fold.log" 2>&1 &
-    running=$((running + 1))
-    if [ $running -ge 2 ]; then wait -n; running=$((running - 1)); fi
+    [ -s "$results/$row.$fold.part" ] || echo "$row $fold"
   done
-  wait
-  "$bin/maneuver-trainer" cross-validate --merge "$results/$row".*.part \
-    --output "$results/$row.json" >"$results/$row.txt"
-}
-
+done | xargs -r -P "$(nproc)" -L 1 bash -c 'run_fold "$@"' run --dataset "$@" ${other:+--test-dataset "other=$other"}
 for row in $rows; do
-  [ -s "$results/$row.json" ] || run_row "$row" >&2
+  [ -s "$results/$row.json" ] || "$bin/maneuver-trainer" cross-validate --merge "$results/$row".*.part \
+    --output "$results/$row.json" >"$results/$row.txt"
 done
 python3 - "$results" $rows <<'PYTHON'
 import json, sys
