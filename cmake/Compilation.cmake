@@ -65,7 +65,7 @@ set(MANEUVER_WARNINGS -Wall -Wextra -Wpedantic -Wshadow -Wnon-virtual-dtor -Werr
 if(CMAKE_CXX_COMPILER_ID STREQUAL GNU AND CMAKE_CXX_COMPILER_VERSION VERSION_LESS 13)
   list(APPEND MANEUVER_WARNINGS -Wno-uninitialized -Wno-maybe-uninitialized)
 endif()
-# Clang, which the presets `asan` and `fuzz` take, warns of more than GCC does: the errors are GCC's.
+# Clang, which the preset `asan` takes, warns of more than GCC does: the errors are GCC's.
 if(CMAKE_CXX_COMPILER_ID STREQUAL Clang)
   list(REMOVE_ITEM MANEUVER_WARNINGS -Wshadow -Werror)
 endif()
