@@ -87,9 +87,9 @@ inline constexpr ReasonEntry kReasons[] = {
      "one request has more bytes than fit into the queue, or than one of its method may have",
      "split it; the message says into how much"},
     {"RESPONSE_TOO_LARGE", "RESOURCE_EXHAUSTED",
-     "the answer could be larger than the limit of one answer (--max-response-bytes)",
-     "omit sigma trajectories, ask for fewer actions, or split the request; the message says into "
-     "how much"},
+     "the answer is, or could be, larger than the limit of one answer (--max-response-bytes)",
+     "omit sigma trajectories, ask for fewer actions, or split the request, as the message says; "
+     "of a list, ask for a smaller page"},
     {"SEND_MEMORY_FULL", "RESOURCE_EXHAUSTED",
      "answers that callers have not read fill the memory for answers (--max-send-memory)",
      "wait as long as RetryInfo says; read answers as they come"},

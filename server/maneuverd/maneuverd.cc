@@ -325,11 +325,12 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
                                  .past_answers = past_answers ? &*past_answers : nullptr};
   rpc::PredictionService predictions(context);
   security::AccessControl& access = (*protection)->access();
-  rpc::ModelService model_service(**versions, **models, version_uploads, disk, access);
-  rpc::ReplicaService replica_service((*store)->Replicas(), disk);
-  rpc::DatasetService dataset_service(**datasets, **supervisor, disk, access);
-  rpc::TrainingService training_service(**supervisor, disk, access);
-  rpc::TagService tag_service(**supervisor, disk, access);
+  const rpc::BlockingWork blocking{disk, send_memory};
+  rpc::ModelService model_service(**versions, **models, version_uploads, blocking, access);
+  rpc::ReplicaService replica_service((*store)->Replicas(), blocking);
+  rpc::DatasetService dataset_service(**datasets, **supervisor, blocking, access);
+  rpc::TrainingService training_service(**supervisor, blocking, access);
+  rpc::TagService tag_service(**supervisor, blocking, access);
   serving::OutcomeMetrics outcome_metrics(*metrics);
   rpc::WorkerPool scoring(kScoringThreads, kMaxWaitingForScores);
   std::unique_ptr<serving::OutcomeCollection> outcomes;

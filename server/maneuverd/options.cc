@@ -331,15 +331,16 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
-  app.add_option("--max-response-bytes", options.sends.max_response_bytes,
-                 "Most bytes of one answer, such as 256MiB; prediction calls whose answer could be "
-                 "larger are refused")
+  app.add_option(
+         "--max-response-bytes", options.sends.max_response_bytes,
+         "Most bytes of one answer, such as 256MiB; calls whose answer is larger are refused, "
+         "and prediction calls whose answer could be")
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
   app.add_option("--max-send-memory", options.sends.max_send_memory,
                  "Most bytes of all answers that callers have not read yet, such as 1GiB; above it "
-                 "prediction calls are refused")
+                 "calls are refused, but those that stop or remove something")
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
       ->check(CLI::PositiveNumber)
       ->capture_default_str();

@@ -3,14 +3,18 @@
 #ifndef MANEUVER_SERVER_RPC_BLOCKING_CALL_H_
 #define MANEUVER_SERVER_RPC_BLOCKING_CALL_H_
 
-#include <grpcpp/server_context.h>
 #include <grpcpp/support/server_callback.h>
 
+#include <algorithm>
 #include <cstdint>
+#include <initializer_list>
+#include <string_view>
 #include <utility>
 
+#include "server/rpc/grpc_internals.h"
 #include "server/rpc/status_details.h"
 #include "server/rpc/worker_pool.h"
+#include "server/serving/send_memory.h"
 
 namespace maneuver::rpc {
 
@@ -24,30 +28,77 @@ inline absl::Status Busy() {
       std::chrono::seconds(1));
 }
 
-// Empties the request of a unary call that has its answer. gRPC keeps the message until the caller
-// has taken the answer, which may be never.
-template <typename Request>
-void FreeRequest(const Request* request) {
-  Request empty;
-  const_cast<Request*>(request)->Swap(&empty);
+// Empties a message of a unary call that needs it no more. gRPC keeps the message until the caller has
+// taken the end of the call, which may be never.
+template <typename Message>
+void FreeMessage(const Message* message) {
+  Message empty;
+  const_cast<Message*>(message)->Swap(&empty);
 }
 
-// Answers a unary call with the Status that `work` returns, from a thread of `pool`. Adds a reason
-// to failures of the disk that have none. Refuses the call if too much waits.
-template <typename Request, typename Work>
-grpc::ServerUnaryReactor* AnswerFrom(WorkerPool& pool, grpc::CallbackServerContext* rpc,
-                                     const Request* request, Work work) {
-  grpc::ServerUnaryReactor* reactor = rpc->DefaultReactor();
+// What calls that wait for the disk share. Both must outlive the calls.
+struct BlockingWork {
+  WorkerPool& pool;
+  serving::SendMemory& send_memory;
+};
+
+// A unary call whose answer counts as send memory until its caller has taken it. Deletes itself.
+class CountedCall final : public InlineReactor<grpc::ServerUnaryReactor> {
+ public:
+  explicit CountedCall(serving::SendMemory& memory) : memory_(memory) {}
+
+  // Ends the call with the Status that `work` returns, after it has filled `response`. While unread
+  // answers fill the memory, refuses the call before its work; calls that stop or remove something
+  // do it nevertheless. An answer that does not fit is refused only if repeating the call is
+  // harmless, so that no caller takes a change that was made for one that was refused.
+  template <typename Request, typename Response, typename Work>
+  void Answer(const Request* request, const Response* response, const Work& work) {
+    const std::string_view method = Request::descriptor()->name();
+    const bool makes_room = StartsWithOneOf(method, {"Cancel", "Delete"});
+    absl::Status status = makes_room ? absl::OkStatus() : memory_.CheckRoom();
+    if (status.ok()) status = work();
+    FreeMessage(request);
+    if (status.ok()) {
+      const auto bytes = static_cast<int64_t>(response->ByteSizeLong());
+      const bool reads = StartsWithOneOf(method, {"Get", "List", "Describe", "Query"});
+      if (makes_room || reads) {
+        auto share = memory_.TakeIfRoom(bytes);
+        status = share.status();
+        if (share.ok()) share_ = *std::move(share);
+      } else {
+        share_ = memory_.Take(bytes);
+      }
+    }
+    if (!status.ok()) FreeMessage(response);
+    Finish(ToGrpcStatus(status));
+  }
+
+  void OnDone() override { delete this; }
+
+ private:
+  static bool StartsWithOneOf(std::string_view name,
+                              std::initializer_list<std::string_view> verbs) {
+    return std::ranges::any_of(verbs, [name](auto verb) { return name.starts_with(verb); });
+  }
+
+  serving::SendMemory& memory_;
+  serving::SendMemory::Share share_;
+};
+
+// Answers a unary call with the Status that `work` returns, from a thread of the pool. Adds a reason
+// to failures of the disk that have none. Refuses the call if too much waits, or as CountedCall does.
+template <typename Request, typename Response, typename Work>
+grpc::ServerUnaryReactor* AnswerFrom(const BlockingWork& blocking, const Request* request,
+                                     const Response* response, Work work) {
+  auto* call = new CountedCall(blocking.send_memory);
   const auto bytes = static_cast<int64_t>(request->ByteSizeLong());
-  const bool accepted = pool.Post(
-      [reactor, request, work = std::move(work)] {
-        const absl::Status status = errors::WithStorageReason(work());
-        FreeRequest(request);
-        reactor->Finish(ToGrpcStatus(status));
+  const bool accepted = blocking.pool.Post(
+      [call, request, response, work = std::move(work)] {
+        call->Answer(request, response, [&work] { return errors::WithStorageReason(work()); });
       },
       bytes);
-  if (!accepted) reactor->Finish(ToGrpcStatus(Busy()));
-  return reactor;
+  if (!accepted) call->Finish(ToGrpcStatus(Busy()));
+  return call;
 }
 
 }  // namespace maneuver::rpc

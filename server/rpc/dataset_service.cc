@@ -8,7 +8,6 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/strip.h"
 #include "model/artifact/training_presets.h"
-#include "server/rpc/blocking_call.h"
 #include "server/rpc/dataset_upload.h"
 #include "server/rpc/guarded_service.h"
 #include "server/rpc/paging.h"
@@ -107,77 +106,77 @@ absl::Status Answer(absl::StatusOr<Message> result, Message* response) {
 }  // namespace
 
 DatasetService::DatasetService(data::DatasetStore& datasets, jobs::Supervisor& jobs,
-                               WorkerPool& pool, security::AccessControl& access)
-    : datasets_(datasets), jobs_(jobs), pool_(pool), access_(access) {}
+                               const BlockingWork& blocking, security::AccessControl& access)
+    : datasets_(datasets), jobs_(jobs), blocking_(blocking), access_(access) {}
 
 DatasetService::~DatasetService() = default;
 
 grpc::ServerReadReactor<v1::UploadDatasetRequest>* DatasetService::UploadDataset(
     grpc::CallbackServerContext* rpc, v1::Dataset* response) {
-  return new DatasetUploadCall(datasets_, pool_, access_, rpc, response);
+  return new DatasetUploadCall(datasets_, blocking_.pool, access_, rpc, response);
 }
 
 grpc::ServerUnaryReactor* DatasetService::QueryUpload(grpc::CallbackServerContext* rpc,
                                                       const v1::QueryUploadRequest* request,
                                                       v1::QueryUploadResponse* response) {
-  return AnswerFrom(pool_, rpc, request,
+  return AnswerFrom(blocking_, request, response,
                     [this, caller = access_.NameOf(CredentialsOf(*rpc)), request, response] {
                       return AnswerQueryUpload(datasets_, caller, *request, response);
                     });
 }
 
-grpc::ServerUnaryReactor* DatasetService::RegisterDataset(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* DatasetService::RegisterDataset(grpc::CallbackServerContext*,
                                                           const v1::RegisterDatasetRequest* request,
                                                           v1::Dataset* response) {
-  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
+  return AnswerFrom(blocking_, request, response, [this, request, response]() -> absl::Status {
     return Answer(Register(datasets_, *request), response);
   });
 }
 
-grpc::ServerUnaryReactor* DatasetService::ListDatasets(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* DatasetService::ListDatasets(grpc::CallbackServerContext*,
                                                        const v1::ListDatasetsRequest* request,
                                                        v1::ListDatasetsResponse* response) {
-  return AnswerFrom(pool_, rpc, request,
+  return AnswerFrom(blocking_, request, response,
                     [this, request, response] { return ListPage(datasets_, *request, response); });
 }
 
-grpc::ServerUnaryReactor* DatasetService::GetDataset(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* DatasetService::GetDataset(grpc::CallbackServerContext*,
                                                      const v1::GetDatasetRequest* request,
                                                      v1::Dataset* response) {
-  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
+  return AnswerFrom(blocking_, request, response, [this, request, response]() -> absl::Status {
     const auto id = security::ParseDatasetName(request->name(), "name");
     return id.ok() ? Answer(datasets_.Get(*id), response) : id.status();
   });
 }
 
-grpc::ServerUnaryReactor* DatasetService::DescribeDataset(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* DatasetService::DescribeDataset(grpc::CallbackServerContext*,
                                                           const v1::DescribeDatasetRequest* request,
                                                           v1::DatasetSummary* response) {
-  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
+  return AnswerFrom(blocking_, request, response, [this, request, response]() -> absl::Status {
     return Answer(Describe(datasets_, *request), response);
   });
 }
 
-grpc::ServerUnaryReactor* DatasetService::DeleteDataset(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* DatasetService::DeleteDataset(grpc::CallbackServerContext*,
                                                         const v1::DeleteDatasetRequest* request,
-                                                        google::protobuf::Empty*) {
-  return AnswerFrom(pool_, rpc, request, [this, request]() -> absl::Status {
+                                                        google::protobuf::Empty* response) {
+  return AnswerFrom(blocking_, request, response, [this, request]() -> absl::Status {
     const auto id = security::ParseDatasetName(request->name(), "name");
     return id.ok() ? WithDatasetReason(jobs_.DeleteDataset(*id)) : id.status();
   });
 }
 
-grpc::ServerUnaryReactor* DatasetService::ListScenarios(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* DatasetService::ListScenarios(grpc::CallbackServerContext*,
                                                         const v1::ListScenariosRequest* request,
                                                         v1::ListScenariosResponse* response) {
-  return AnswerFrom(pool_, rpc, request,
+  return AnswerFrom(blocking_, request, response,
                     [this, request, response] { return ListPage(datasets_, *request, response); });
 }
 
-grpc::ServerUnaryReactor* DatasetService::GetScenario(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* DatasetService::GetScenario(grpc::CallbackServerContext*,
                                                       const v1::GetScenarioRequest* request,
                                                       v1::Scenario* response) {
-  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
+  return AnswerFrom(blocking_, request, response, [this, request, response]() -> absl::Status {
     const auto id = security::ParseDatasetName(request->parent(), "parent");
     if (!id.ok()) return id.status();
     auto scenario = datasets_.GetScenario(*id, request->scenario_id());

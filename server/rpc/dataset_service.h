@@ -4,7 +4,7 @@
 #include "maneuver/v1/dataset_service.grpc.pb.h"
 #include "model/data/dataset_store.h"
 #include "server/jobs/supervisor.h"
-#include "server/rpc/worker_pool.h"
+#include "server/rpc/blocking_call.h"
 #include "server/security/access_control.h"
 
 namespace maneuver::rpc {
@@ -14,7 +14,7 @@ class DatasetService final : public v1::DatasetService::CallbackService {
  public:
   // All arguments must outlive the service. The .cc defines the constructor and the destructor, for
   // the reason that admin_service.h gives.
-  DatasetService(data::DatasetStore& datasets, jobs::Supervisor& jobs, WorkerPool& pool,
+  DatasetService(data::DatasetStore& datasets, jobs::Supervisor& jobs, const BlockingWork& blocking,
                  security::AccessControl& access);
   ~DatasetService() override;
 
@@ -48,7 +48,7 @@ class DatasetService final : public v1::DatasetService::CallbackService {
  private:
   data::DatasetStore& datasets_;
   jobs::Supervisor& jobs_;
-  WorkerPool& pool_;
+  const BlockingWork blocking_;
   security::AccessControl& access_;
 };
 

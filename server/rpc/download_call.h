@@ -6,6 +6,7 @@
 #include <grpcpp/server_context.h>
 #include <grpcpp/support/server_callback.h>
 
+#include <cstdint>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -17,13 +18,12 @@
 #include "locks/mutex.h"
 #include "server/rpc/blocking_call.h"
 #include "server/rpc/guarded_service.h"
-#include "server/rpc/worker_pool.h"
 #include "server/security/access_control.h"
 
 namespace maneuver::rpc {
 
 // Reads the disk only after the client has taken the previous chunk, so a slow client costs one
-// chunk and delays nobody. Deletes itself.
+// chunk, which counts as send memory, and delays nobody. Deletes itself.
 //   Response: has header() or chunk(). Reader: has header() and Next, a StatusOr<std::string> which
 //   is empty at the end.
 template <typename Response, typename Reader>
@@ -31,19 +31,25 @@ class DownloadCall : public grpc::ServerWriteReactor<Response> {
  public:
   void OnWriteDone(bool ok) final {
     if (!ok) return End(absl::CancelledError("the download was cancelled"));
-    pool_.Continue([this] { TakeStep(); });
+    blocking_.pool.Continue([this] { TakeStep(); });
   }
   void OnDone() final { delete this; }
 
  protected:
-  DownloadCall(WorkerPool& pool, grpc::CallbackServerContext* rpc) : pool_(pool), rpc_(rpc) {}
+  DownloadCall(const BlockingWork& blocking, grpc::CallbackServerContext* rpc)
+      : blocking_(blocking), rpc_(rpc) {}
 
   // Begins the call; the last thing that a constructor does.
   //   method: "/maneuver.v1.ModelService/DownloadModelVersion".
   void Start(security::AccessControl& access, std::string_view method) {
     admission_ = access.Watch(method, CredentialsOf(*rpc_),
                               [this](const absl::Status& refusal) { OnRefused(refusal); });
-    if (!pool_.Post([this] { TakeStep(); })) End(Busy());
+    const absl::Status room = blocking_.send_memory.CheckRoom();
+    if (!room.ok()) {
+      End(room);
+    } else if (!blocking_.pool.Post([this] { TakeStep(); })) {
+      End(Busy());
+    }
   }
 
   // Opens the files to send. Leaves out the bytes that the client already has, as its request says.
@@ -71,6 +77,7 @@ class DownloadCall : public grpc::ServerWriteReactor<Response> {
     const absl::StatusOr<bool> more = ReadNext();
     if (!more.ok()) return End(errors::WithStorageReason(WithReason(more.status())));
     if (!*more) return End(absl::OkStatus());
+    share_ = blocking_.send_memory.Take(static_cast<int64_t>(message_.ByteSizeLong()));
     this->StartWrite(&message_);
   }
 
@@ -98,12 +105,13 @@ class DownloadCall : public grpc::ServerWriteReactor<Response> {
     this->Finish(ToGrpcStatus(status));
   }
 
-  WorkerPool& pool_;
+  const BlockingWork blocking_;
   grpc::CallbackServerContext* const rpc_;
 
   // Used only by the step in progress.
   std::unique_ptr<Reader> reader_;
   Response message_;
+  serving::SendMemory::Share share_;  // of message_
 
   Mutex mutex_;
   absl::Status refusal_ ABSL_GUARDED_BY(mutex_);

@@ -13,7 +13,6 @@
 #include "model/files/utf8.h"
 #include "model/inference/action_model.h"
 #include "server/jobs/job_requests.h"
-#include "server/rpc/blocking_call.h"
 #include "server/rpc/guarded_service.h"
 #include "server/rpc/model_transfer.h"
 #include "server/rpc/paging.h"
@@ -219,24 +218,24 @@ int Characters(std::string_view text) {
 }  // namespace
 
 ModelService::ModelService(serving::VersionStore& store, serving::ServingTable& table,
-                           serving::VersionUploads& uploads, WorkerPool& pool,
+                           serving::VersionUploads& uploads, const BlockingWork& blocking,
                            security::AccessControl& access)
-    : store_(store), table_(table), uploads_(uploads), pool_(pool), access_(access) {}
+    : store_(store), table_(table), uploads_(uploads), blocking_(blocking), access_(access) {}
 
 ModelService::~ModelService() = default;
 
 grpc::ServerUnaryReactor* ModelService::ListModelVersions(
-    grpc::CallbackServerContext* rpc, const v1::ListModelVersionsRequest* request,
+    grpc::CallbackServerContext*, const v1::ListModelVersionsRequest* request,
     v1::ListModelVersionsResponse* response) {
-  return AnswerFrom(pool_, rpc, request, [this, request, response] {
+  return AnswerFrom(blocking_, request, response, [this, request, response] {
     return ListPage(store_, table_, *request, response);
   });
 }
 
-grpc::ServerUnaryReactor* ModelService::GetModelVersion(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* ModelService::GetModelVersion(grpc::CallbackServerContext*,
                                                         const v1::GetModelVersionRequest* request,
                                                         v1::ModelVersion* response) {
-  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
+  return AnswerFrom(blocking_, request, response, [this, request, response]() -> absl::Status {
     const auto reference = security::ParseModelReference(request->name(), "name");
     if (!reference.ok()) return reference.status();
     auto version = DescribeReference(store_, table_, *reference);
@@ -246,18 +245,18 @@ grpc::ServerUnaryReactor* ModelService::GetModelVersion(grpc::CallbackServerCont
 }
 
 grpc::ServerUnaryReactor* ModelService::DeleteModelVersion(
-    grpc::CallbackServerContext* rpc, const v1::DeleteModelVersionRequest* request,
-    google::protobuf::Empty*) {
-  return AnswerFrom(pool_, rpc, request, [this, request]() -> absl::Status {
+    grpc::CallbackServerContext*, const v1::DeleteModelVersionRequest* request,
+    google::protobuf::Empty* response) {
+  return AnswerFrom(blocking_, request, response, [this, request]() -> absl::Status {
     const auto name = security::ParseModelVersionName(request->name(), "name");
     return name.ok() ? table_.Delete(*name) : name.status();
   });
 }
 
-grpc::ServerUnaryReactor* ModelService::SetModelAlias(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* ModelService::SetModelAlias(grpc::CallbackServerContext*,
                                                       const v1::SetModelAliasRequest* request,
                                                       v1::ModelAlias* response) {
-  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
+  return AnswerFrom(blocking_, request, response, [this, request, response]() -> absl::Status {
     const auto name = security::ParseModelAliasName(request->name(), "name");
     if (!name.ok()) return name.status();
     const auto version = security::ParseModelVersionName(request->model_version(), "model_version");
@@ -273,19 +272,19 @@ grpc::ServerUnaryReactor* ModelService::SetModelAlias(grpc::CallbackServerContex
   });
 }
 
-grpc::ServerUnaryReactor* ModelService::DeleteModelAlias(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* ModelService::DeleteModelAlias(grpc::CallbackServerContext*,
                                                          const v1::DeleteModelAliasRequest* request,
-                                                         google::protobuf::Empty*) {
-  return AnswerFrom(pool_, rpc, request, [this, request]() -> absl::Status {
+                                                         google::protobuf::Empty* response) {
+  return AnswerFrom(blocking_, request, response, [this, request]() -> absl::Status {
     const auto name = security::ParseModelAliasName(request->name(), "name");
     return name.ok() ? table_.DeleteAlias(*name) : name.status();
   });
 }
 
-grpc::ServerUnaryReactor* ModelService::GetActionSet(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* ModelService::GetActionSet(grpc::CallbackServerContext*,
                                                      const v1::GetActionSetRequest* request,
                                                      v1::ActionSet* response) {
-  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
+  return AnswerFrom(blocking_, request, response, [this, request, response]() -> absl::Status {
     const auto reference = security::ParseOptionalModelReference(request->name(), "name");
     if (!reference.ok()) return reference.status();
     auto version = DescribeReference(store_, table_, *reference);
@@ -305,10 +304,10 @@ grpc::ServerUnaryReactor* ModelService::GetActionSet(grpc::CallbackServerContext
   });
 }
 
-grpc::ServerUnaryReactor* ModelService::LabelAction(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* ModelService::LabelAction(grpc::CallbackServerContext*,
                                                     const v1::LabelActionRequest* request,
                                                     v1::Action* response) {
-  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
+  return AnswerFrom(blocking_, request, response, [this, request, response]() -> absl::Status {
     const auto name = security::ParseModelVersionName(request->name(), "name");
     if (!name.ok()) return name.status();
     if (Characters(request->label()) > kMaxLabelLength) {
@@ -327,17 +326,17 @@ grpc::ServerUnaryReactor* ModelService::LabelAction(grpc::CallbackServerContext*
 }
 
 grpc::ServerUnaryReactor* ModelService::ListEvaluationReports(
-    grpc::CallbackServerContext* rpc, const v1::ListEvaluationReportsRequest* request,
+    grpc::CallbackServerContext*, const v1::ListEvaluationReportsRequest* request,
     v1::ListEvaluationReportsResponse* response) {
-  return AnswerFrom(pool_, rpc, request, [this, request, response] {
+  return AnswerFrom(blocking_, request, response, [this, request, response] {
     return ListReportsPage(store_, table_, *request, response);
   });
 }
 
 grpc::ServerUnaryReactor* ModelService::GetEvaluationReport(
-    grpc::CallbackServerContext* rpc, const v1::GetEvaluationReportRequest* request,
+    grpc::CallbackServerContext*, const v1::GetEvaluationReportRequest* request,
     v1::EvaluationReport* response) {
-  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
+  return AnswerFrom(blocking_, request, response, [this, request, response]() -> absl::Status {
     const auto name = security::ParseEvaluationName(request->name(), "name");
     if (!name.ok()) return name.status();
     auto report = store_.GetReport(*name);
@@ -348,18 +347,18 @@ grpc::ServerUnaryReactor* ModelService::GetEvaluationReport(
 
 grpc::ServerWriteReactor<v1::DownloadModelVersionResponse>* ModelService::DownloadModelVersion(
     grpc::CallbackServerContext* rpc, const v1::DownloadModelVersionRequest* request) {
-  return new ModelDownloadCall(store_, table_, pool_, access_, rpc, *request);
+  return new ModelDownloadCall(store_, table_, blocking_, access_, rpc, *request);
 }
 
 grpc::ServerReadReactor<v1::UploadModelVersionRequest>* ModelService::UploadModelVersion(
     grpc::CallbackServerContext* rpc, v1::ModelVersion* response) {
-  return new ModelUploadCall(uploads_, pool_, access_, rpc, response);
+  return new ModelUploadCall(uploads_, blocking_.pool, access_, rpc, response);
 }
 
 grpc::ServerUnaryReactor* ModelService::QueryModelUpload(grpc::CallbackServerContext* rpc,
                                                          const v1::QueryModelUploadRequest* request,
                                                          v1::QueryModelUploadResponse* response) {
-  return AnswerFrom(pool_, rpc, request,
+  return AnswerFrom(blocking_, request, response,
                     [this, caller = access_.NameOf(CredentialsOf(*rpc)), request, response] {
                       return AnswerQueryModelUpload(uploads_, caller, *request, response);
                     });

@@ -2,7 +2,7 @@
 #define MANEUVER_SERVER_RPC_MODEL_SERVICE_H_
 
 #include "maneuver/v1/model_service.grpc.pb.h"
-#include "server/rpc/worker_pool.h"
+#include "server/rpc/blocking_call.h"
 #include "server/security/access_control.h"
 #include "server/serving/serving_table.h"
 #include "server/serving/version_store.h"
@@ -16,7 +16,8 @@ class ModelService final : public v1::ModelService::CallbackService {
   // All arguments must outlive the service. `table` must be the table of `store`. The .cc defines
   // the constructor and the destructor, for the reason that admin_service.h gives.
   ModelService(serving::VersionStore& store, serving::ServingTable& table,
-               serving::VersionUploads& uploads, WorkerPool& pool, security::AccessControl& access);
+               serving::VersionUploads& uploads, const BlockingWork& blocking,
+               security::AccessControl& access);
   ~ModelService() override;
 
   grpc::ServerUnaryReactor* ListModelVersions(grpc::CallbackServerContext* rpc,
@@ -58,7 +59,7 @@ class ModelService final : public v1::ModelService::CallbackService {
   serving::VersionStore& store_;
   serving::ServingTable& table_;
   serving::VersionUploads& uploads_;
-  WorkerPool& pool_;
+  const BlockingWork blocking_;
   security::AccessControl& access_;
 };
 

@@ -30,11 +30,11 @@ absl::Status WithUploadReason(absl::Status status) {
 }  // namespace
 
 ModelDownloadCall::ModelDownloadCall(const serving::VersionStore& store,
-                                     const serving::ServingTable& table, WorkerPool& pool,
-                                     security::AccessControl& access,
+                                     const serving::ServingTable& table,
+                                     const BlockingWork& blocking, security::AccessControl& access,
                                      grpc::CallbackServerContext* rpc,
                                      const v1::DownloadModelVersionRequest& request)
-    : DownloadCall(pool, rpc), store_(store), table_(table), request_(request) {
+    : DownloadCall(blocking, rpc), store_(store), table_(table), request_(request) {
   Start(access, "/maneuver.v1.ModelService/DownloadModelVersion");
 }
 

@@ -23,7 +23,7 @@ class ModelDownloadCall final
     : public DownloadCall<v1::DownloadModelVersionResponse, serving::VersionReader> {
  public:
   ModelDownloadCall(const serving::VersionStore& store, const serving::ServingTable& table,
-                    WorkerPool& pool, security::AccessControl& access,
+                    const BlockingWork& blocking, security::AccessControl& access,
                     grpc::CallbackServerContext* rpc,
                     const v1::DownloadModelVersionRequest& request);
 

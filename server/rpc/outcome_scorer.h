@@ -44,6 +44,7 @@ class OutcomeScorer {
 
   security::AccessControl& access() { return context_.access; }
   WorkerPool& pool() { return pool_; }
+  serving::SendMemory& send_memory() { return context_.send_memory; }
 
  private:
   PredictionContext& context_;

@@ -2,6 +2,7 @@
 #define MANEUVER_SERVER_RPC_OUTCOME_SERVICE_H_
 
 #include "maneuver/v1/outcome_service.grpc.pb.h"
+#include "server/rpc/blocking_call.h"
 #include "server/rpc/open_streams.h"
 #include "server/rpc/outcome_dataset.h"
 #include "server/rpc/outcome_scorer.h"
@@ -44,7 +45,7 @@ class OutcomeService final : public OutcomeMethods {
   bool HasReports() const { return scorer_.HasReports(); }
 
  private:
-  WorkerPool& blocking_;
+  const BlockingWork blocking_;
   const OutcomeStorage storage_;
   OutcomeScorer scorer_;
   OpenStreams streams_;

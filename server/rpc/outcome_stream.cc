@@ -73,6 +73,7 @@ void OutcomeStream::ScoreReport() {
   {
     v1::StreamOutcomesRequest request;
     absl::Status status = scorer_.access().Admit(kStreamMethod, caller_);
+    if (status.ok()) status = scorer_.send_memory().CheckRoom();
     if (status.ok()) status = CheckDensity(*v1::StreamOutcomesRequest::descriptor(), message_);
     if (status.ok() &&
         !grpc::SerializationTraits<v1::StreamOutcomesRequest>::Deserialize(&message_, &request)
@@ -104,6 +105,7 @@ void OutcomeStream::Answer(const v1::StreamOutcomesResponse& answer) {
     writing_ = end.ok();
   }
   if (end.ok()) {
+    share_ = scorer_.send_memory().Take(static_cast<int64_t>(message_.Length()));
     StartWrite(&message_);
   } else {
     End(end);
@@ -116,6 +118,7 @@ void OutcomeStream::OnWriteDone(bool ok) {
     writing_ = false;
   }
   message_.Clear();
+  share_ = {};
   if (ok) {
     ReadOn();
   } else {

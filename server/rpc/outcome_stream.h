@@ -58,9 +58,10 @@ class OutcomeStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grp
   const security::Credentials caller_;
 
   // Used by one step at a time: reading, scoring or writing.
-  grpc::ByteBuffer message_;      // a report, then its answer
-  std::shared_ptr<void> memory_;  // of the report
-  bool has_place_ = false;        // in the pool
+  grpc::ByteBuffer message_;          // a report, then its answer
+  std::shared_ptr<void> memory_;      // of the report
+  serving::SendMemory::Share share_;  // of the answer
+  bool has_place_ = false;            // in the pool
 
   // A read is in progress. Whoever sets this to false continues: OnReadDone, Drain or OnRefused.
   std::atomic<bool> reading_ = false;

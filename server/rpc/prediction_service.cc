@@ -126,17 +126,18 @@ grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* PredictionService::
 }
 
 // A large map takes a while to check and to digest: not on gRPC's threads.
-grpc::ServerUnaryReactor* PredictionService::RegisterMap(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* PredictionService::RegisterMap(grpc::CallbackServerContext*,
                                                          const v1::RegisterMapRequest* request,
                                                          v1::RegisterMapResponse* response) {
-  return AnswerFrom(context_.blocking, rpc, request, [this, request, response] {
-    auto registered = context_.maps.Register(request->map_features());
-    if (registered.ok()) {
-      response->set_map_id(std::move(registered->id));
-      response->set_size_bytes(registered->bytes);
-    }
-    return registered.status();
-  });
+  return AnswerFrom({context_.blocking, context_.send_memory}, request, response,
+                    [this, request, response] {
+                      auto registered = context_.maps.Register(request->map_features());
+                      if (registered.ok()) {
+                        response->set_map_id(std::move(registered->id));
+                        response->set_size_bytes(registered->bytes);
+                      }
+                      return registered.status();
+                    });
 }
 
 }  // namespace maneuver::rpc

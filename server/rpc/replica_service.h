@@ -3,7 +3,7 @@
 
 #include "maneuver/v1/replica_service.grpc.pb.h"
 #include "server/jobs/replica_registry.h"
-#include "server/rpc/worker_pool.h"
+#include "server/rpc/blocking_call.h"
 
 namespace maneuver::rpc {
 
@@ -13,7 +13,7 @@ class ReplicaService final : public v1::ReplicaService::CallbackService {
   // All arguments must outlive the service. The .cc defines the constructor and the destructor, for
   // the reason that admin_service.h gives.
   //   replicas: nullptr if this server shares no store; then the list is empty
-  ReplicaService(jobs::ReplicaRegistry* replicas, WorkerPool& pool);
+  ReplicaService(jobs::ReplicaRegistry* replicas, const BlockingWork& blocking);
   ~ReplicaService() override;
 
   grpc::ServerUnaryReactor* ListReplicas(grpc::CallbackServerContext* rpc,
@@ -22,7 +22,7 @@ class ReplicaService final : public v1::ReplicaService::CallbackService {
 
  private:
   jobs::ReplicaRegistry* const replicas_;
-  WorkerPool& pool_;
+  const BlockingWork blocking_;
 };
 
 }  // namespace maneuver::rpc

@@ -9,7 +9,6 @@
 #include "model/tags/shard_tags.h"
 #include "model/tags/tag_folder.h"
 #include "model/tags/tag_store.h"
-#include "server/rpc/blocking_call.h"
 #include "server/rpc/download_call.h"
 #include "server/rpc/paging.h"
 #include "server/security/resource_name.h"
@@ -100,9 +99,10 @@ class TagsReader {
 
 class TagsDownloadCall final : public DownloadCall<v1::DownloadTagsResponse, TagsReader> {
  public:
-  TagsDownloadCall(const tags::TagStore& store, WorkerPool& pool, security::AccessControl& access,
-                   grpc::CallbackServerContext* rpc, const v1::DownloadTagsRequest& request)
-      : DownloadCall(pool, rpc), store_(store), request_(request) {
+  TagsDownloadCall(const tags::TagStore& store, const BlockingWork& blocking,
+                   security::AccessControl& access, grpc::CallbackServerContext* rpc,
+                   const v1::DownloadTagsRequest& request)
+      : DownloadCall(blocking, rpc), store_(store), request_(request) {
     Start(access, "/maneuver.v1.TagService/DownloadTags");
   }
 
@@ -124,23 +124,24 @@ class TagsDownloadCall final : public DownloadCall<v1::DownloadTagsResponse, Tag
 
 }  // namespace
 
-TagService::TagService(jobs::Supervisor& jobs, WorkerPool& pool, security::AccessControl& access)
-    : jobs_(jobs), pool_(pool), access_(access) {}
+TagService::TagService(jobs::Supervisor& jobs, const BlockingWork& blocking,
+                       security::AccessControl& access)
+    : jobs_(jobs), blocking_(blocking), access_(access) {}
 
 TagService::~TagService() = default;
 
-grpc::ServerUnaryReactor* TagService::ListTags(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* TagService::ListTags(grpc::CallbackServerContext*,
                                                const v1::ListTagsRequest* request,
                                                v1::ListTagsResponse* response) {
-  return AnswerFrom(pool_, rpc, request, [this, request, response] {
+  return AnswerFrom(blocking_, request, response, [this, request, response] {
     return ListPage(jobs_.tag_store(), *request, response);
   });
 }
 
-grpc::ServerUnaryReactor* TagService::GetTags(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* TagService::GetTags(grpc::CallbackServerContext*,
                                               const v1::GetTagsRequest* request,
                                               v1::Tags* response) {
-  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
+  return AnswerFrom(blocking_, request, response, [this, request, response]() -> absl::Status {
     const auto id = security::ParseTagsName(request->name(), "name");
     if (!id.ok()) return id.status();
     auto tags = jobs_.tag_store().Get(*id);
@@ -152,13 +153,13 @@ grpc::ServerUnaryReactor* TagService::GetTags(grpc::CallbackServerContext* rpc,
 
 grpc::ServerWriteReactor<v1::DownloadTagsResponse>* TagService::DownloadTags(
     grpc::CallbackServerContext* rpc, const v1::DownloadTagsRequest* request) {
-  return new TagsDownloadCall(jobs_.tag_store(), pool_, access_, rpc, *request);
+  return new TagsDownloadCall(jobs_.tag_store(), blocking_, access_, rpc, *request);
 }
 
-grpc::ServerUnaryReactor* TagService::DeleteTags(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* TagService::DeleteTags(grpc::CallbackServerContext*,
                                                  const v1::DeleteTagsRequest* request,
-                                                 google::protobuf::Empty*) {
-  return AnswerFrom(pool_, rpc, request, [this, request]() -> absl::Status {
+                                                 google::protobuf::Empty* response) {
+  return AnswerFrom(blocking_, request, response, [this, request]() -> absl::Status {
     const auto id = security::ParseTagsName(request->name(), "name");
     return id.ok() ? WithTagsReason(jobs_.DeleteTags(*id)) : id.status();
   });

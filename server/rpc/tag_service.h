@@ -3,7 +3,7 @@
 
 #include "maneuver/v1/tag_service.grpc.pb.h"
 #include "server/jobs/supervisor.h"
-#include "server/rpc/worker_pool.h"
+#include "server/rpc/blocking_call.h"
 #include "server/security/access_control.h"
 
 namespace maneuver::rpc {
@@ -13,7 +13,7 @@ class TagService final : public v1::TagService::CallbackService {
  public:
   // All arguments must outlive the service. The .cc defines the constructor and the destructor, for
   // the reason that admin_service.h gives.
-  TagService(jobs::Supervisor& jobs, WorkerPool& pool, security::AccessControl& access);
+  TagService(jobs::Supervisor& jobs, const BlockingWork& blocking, security::AccessControl& access);
   ~TagService() override;
 
   grpc::ServerUnaryReactor* ListTags(grpc::CallbackServerContext* rpc,
@@ -29,7 +29,7 @@ class TagService final : public v1::TagService::CallbackService {
 
  private:
   jobs::Supervisor& jobs_;
-  WorkerPool& pool_;
+  const BlockingWork blocking_;
   security::AccessControl& access_;
 };
 

@@ -3,7 +3,6 @@
 #include <string>
 #include <utility>
 
-#include "server/rpc/blocking_call.h"
 #include "server/rpc/paging.h"
 #include "server/rpc/training_watch.h"
 #include "server/security/resource_name.h"
@@ -49,87 +48,87 @@ absl::StatusOr<std::string> JobName(const std::string& name) {
 
 }  // namespace
 
-TrainingService::TrainingService(jobs::Supervisor& jobs, WorkerPool& pool,
+TrainingService::TrainingService(jobs::Supervisor& jobs, const BlockingWork& blocking,
                                  security::AccessControl& access)
-    : jobs_(jobs), pool_(pool), access_(access) {}
+    : jobs_(jobs), blocking_(blocking), access_(access) {}
 
 TrainingService::~TrainingService() = default;
 
-grpc::ServerUnaryReactor* TrainingService::Train(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* TrainingService::Train(grpc::CallbackServerContext*,
                                                  const v1::TrainRequest* request,
                                                  v1::Job* response) {
-  return AnswerFrom(pool_, rpc, request,
+  return AnswerFrom(blocking_, request, response,
                     [this, request, response] { return Answer(jobs_.Train(*request), response); });
 }
 
-grpc::ServerUnaryReactor* TrainingService::Evaluate(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* TrainingService::Evaluate(grpc::CallbackServerContext*,
                                                     const v1::EvaluateRequest* request,
                                                     v1::Job* response) {
-  return AnswerFrom(pool_, rpc, request, [this, request, response] {
+  return AnswerFrom(blocking_, request, response, [this, request, response] {
     return Answer(jobs_.Evaluate(*request), response);
   });
 }
 
-grpc::ServerUnaryReactor* TrainingService::CrossValidate(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* TrainingService::CrossValidate(grpc::CallbackServerContext*,
                                                          const v1::CrossValidateRequest* request,
                                                          v1::Job* response) {
-  return AnswerFrom(pool_, rpc, request, [this, request, response] {
+  return AnswerFrom(blocking_, request, response, [this, request, response] {
     return Answer(jobs_.CrossValidate(*request), response);
   });
 }
 
-grpc::ServerUnaryReactor* TrainingService::Recalibrate(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* TrainingService::Recalibrate(grpc::CallbackServerContext*,
                                                        const v1::RecalibrateRequest* request,
                                                        v1::Job* response) {
-  return AnswerFrom(pool_, rpc, request, [this, request, response] {
+  return AnswerFrom(blocking_, request, response, [this, request, response] {
     return Answer(jobs_.Recalibrate(*request), response);
   });
 }
 
-grpc::ServerUnaryReactor* TrainingService::Tag(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* TrainingService::Tag(grpc::CallbackServerContext*,
                                                const v1::TagRequest* request, v1::Job* response) {
-  return AnswerFrom(pool_, rpc, request,
+  return AnswerFrom(blocking_, request, response,
                     [this, request, response] { return Answer(jobs_.Tag(*request), response); });
 }
 
-grpc::ServerUnaryReactor* TrainingService::GetJob(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* TrainingService::GetJob(grpc::CallbackServerContext*,
                                                   const v1::GetJobRequest* request,
                                                   v1::Job* response) {
-  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
+  return AnswerFrom(blocking_, request, response, [this, request, response]() -> absl::Status {
     const auto name = JobName(request->name());
     return name.ok() ? WithJobReason(Answer(jobs_.Get(*name), response)) : name.status();
   });
 }
 
-grpc::ServerUnaryReactor* TrainingService::ListJobs(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* TrainingService::ListJobs(grpc::CallbackServerContext*,
                                                     const v1::ListJobsRequest* request,
                                                     v1::ListJobsResponse* response) {
-  return AnswerFrom(pool_, rpc, request,
+  return AnswerFrom(blocking_, request, response,
                     [this, request, response] { return ListPage(jobs_, *request, response); });
 }
 
-grpc::ServerUnaryReactor* TrainingService::CancelJob(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* TrainingService::CancelJob(grpc::CallbackServerContext*,
                                                      const v1::CancelJobRequest* request,
                                                      v1::Job* response) {
-  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
+  return AnswerFrom(blocking_, request, response, [this, request, response]() -> absl::Status {
     const auto name = JobName(request->name());
     return name.ok() ? WithJobReason(Answer(jobs_.Cancel(*name), response)) : name.status();
   });
 }
 
-grpc::ServerUnaryReactor* TrainingService::ResumeJob(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* TrainingService::ResumeJob(grpc::CallbackServerContext*,
                                                      const v1::ResumeJobRequest* request,
                                                      v1::Job* response) {
-  return AnswerFrom(pool_, rpc, request, [this, request, response]() -> absl::Status {
+  return AnswerFrom(blocking_, request, response, [this, request, response]() -> absl::Status {
     const auto name = JobName(request->name());
     return name.ok() ? WithJobReason(Answer(jobs_.Resume(*name), response)) : name.status();
   });
 }
 
-grpc::ServerUnaryReactor* TrainingService::DeleteJob(grpc::CallbackServerContext* rpc,
+grpc::ServerUnaryReactor* TrainingService::DeleteJob(grpc::CallbackServerContext*,
                                                      const v1::DeleteJobRequest* request,
-                                                     google::protobuf::Empty*) {
-  return AnswerFrom(pool_, rpc, request, [this, request]() -> absl::Status {
+                                                     google::protobuf::Empty* response) {
+  return AnswerFrom(blocking_, request, response, [this, request]() -> absl::Status {
     const auto name = JobName(request->name());
     return name.ok() ? WithJobReason(jobs_.Delete(*name)) : name.status();
   });
@@ -137,7 +136,7 @@ grpc::ServerUnaryReactor* TrainingService::DeleteJob(grpc::CallbackServerContext
 
 grpc::ServerWriteReactor<v1::WatchJobResponse>* TrainingService::WatchJob(
     grpc::CallbackServerContext* rpc, const v1::WatchJobRequest* request) {
-  return new JobWatchCall(jobs_, pool_, access_, rpc, *request);
+  return new JobWatchCall(jobs_, blocking_, access_, rpc, *request);
 }
 
 }  // namespace maneuver::rpc

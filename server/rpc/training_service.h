@@ -3,7 +3,7 @@
 
 #include "maneuver/v1/training_service.grpc.pb.h"
 #include "server/jobs/supervisor.h"
-#include "server/rpc/worker_pool.h"
+#include "server/rpc/blocking_call.h"
 #include "server/security/access_control.h"
 
 namespace maneuver::rpc {
@@ -13,7 +13,8 @@ class TrainingService final : public v1::TrainingService::CallbackService {
  public:
   // All arguments must outlive the service. The .cc defines the constructor and the destructor, for
   // the reason that admin_service.h gives.
-  TrainingService(jobs::Supervisor& jobs, WorkerPool& pool, security::AccessControl& access);
+  TrainingService(jobs::Supervisor& jobs, const BlockingWork& blocking,
+                  security::AccessControl& access);
   ~TrainingService() override;
 
   grpc::ServerUnaryReactor* Train(grpc::CallbackServerContext* rpc, const v1::TrainRequest* request,
@@ -48,7 +49,7 @@ class TrainingService final : public v1::TrainingService::CallbackService {
 
  private:
   jobs::Supervisor& jobs_;
-  WorkerPool& pool_;
+  const BlockingWork blocking_;
   security::AccessControl& access_;
 };
 

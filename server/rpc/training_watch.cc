@@ -23,11 +23,13 @@ absl::Status Check(const v1::WatchJobRequest& request) {
 
 }  // namespace
 
-JobWatchCall::JobWatchCall(jobs::Supervisor& jobs, WorkerPool& pool,
+JobWatchCall::JobWatchCall(jobs::Supervisor& jobs, const BlockingWork& blocking,
                            security::AccessControl& access, grpc::CallbackServerContext* rpc,
                            const v1::WatchJobRequest& request)
-    : jobs_(jobs), pool_(pool), rpc_(rpc) {
-  if (const absl::Status status = Check(request); !status.ok()) {
+    : jobs_(jobs), blocking_(blocking), rpc_(rpc) {
+  absl::Status status = Check(request);
+  if (status.ok()) status = blocking_.send_memory.CheckRoom();
+  if (!status.ok()) {
     End(status);
     return;
   }
@@ -39,7 +41,7 @@ JobWatchCall::JobWatchCall(jobs::Supervisor& jobs, WorkerPool& pool,
                             [this](const absl::Status& refusal) { OnRefused(refusal); });
   // The client knows that it is heard, even if there is nothing to tell for long.
   StartSendInitialMetadata();
-  if (!pool_.Post([this] { ReadNext(); })) End(Busy());
+  if (!blocking_.pool.Post([this] { ReadNext(); })) End(Busy());
 }
 
 void JobWatchCall::OnNews() {
@@ -73,10 +75,11 @@ void JobWatchCall::OnRefused(const absl::Status& refusal) {
 }
 
 void JobWatchCall::ReadSoon() {
-  pool_.Continue([this] { ReadNext(); });
+  blocking_.pool.Continue([this] { ReadNext(); });
 }
 
 void JobWatchCall::ReadNext() {
+  share_ = {};  // all was taken
   for (;;) {
     absl::Status refusal;
     {
@@ -94,6 +97,9 @@ void JobWatchCall::ReadNext() {
     }
     if (!news->empty()) {
       unsent_.assign(std::make_move_iterator(news->begin()), std::make_move_iterator(news->end()));
+      int64_t bytes = 0;
+      for (const v1::Job& job : unsent_) bytes += static_cast<int64_t>(job.ByteSizeLong());
+      share_ = blocking_.send_memory.Take(bytes);
       WriteNext();
       return;
     }

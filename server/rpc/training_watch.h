@@ -12,17 +12,19 @@
 #include "locks/mutex.h"
 #include "maneuver/v1/training_service.pb.h"
 #include "server/jobs/supervisor.h"
-#include "server/rpc/worker_pool.h"
+#include "server/rpc/blocking_call.h"
 #include "server/security/access_control.h"
 
 namespace maneuver::rpc {
 
 // One WatchJob call. It reads the store again only after the client has taken everything that was
-// read before, so a slow client costs a small buffer and delays nobody. Deletes itself.
+// read before, so a slow client costs a small buffer, which counts as send memory, and delays
+// nobody. Deletes itself.
 class JobWatchCall final : public grpc::ServerWriteReactor<v1::WatchJobResponse> {
  public:
-  JobWatchCall(jobs::Supervisor& jobs, WorkerPool& pool, security::AccessControl& access,
-               grpc::CallbackServerContext* rpc, const v1::WatchJobRequest& request);
+  JobWatchCall(jobs::Supervisor& jobs, const BlockingWork& blocking,
+               security::AccessControl& access, grpc::CallbackServerContext* rpc,
+               const v1::WatchJobRequest& request);
 
   void OnWriteDone(bool ok) override;
   void OnCancel() override;
@@ -48,12 +50,13 @@ class JobWatchCall final : public grpc::ServerWriteReactor<v1::WatchJobResponse>
   void End(const absl::Status& status);
 
   jobs::Supervisor& jobs_;
-  WorkerPool& pool_;
+  const BlockingWork blocking_;
   grpc::CallbackServerContext* const rpc_;
 
   // Used only by the thread that moved the call to kWorking.
   std::unique_ptr<jobs::JobEventReader> reader_;
   std::deque<v1::Job> unsent_;
+  serving::SendMemory::Share share_;  // of unsent_ and message_
   v1::WatchJobResponse message_;
 
   Mutex mutex_;

@@ -57,25 +57,55 @@ absl::StatusOr<SendMemory::Share> SendMemory::Reserve(int64_t bytes, int64_t tar
     if (absl::Status status = budget_->Admit(); !status.ok()) return status;
   }
   if (bytes > limits_.max_response_bytes) {
-    too_large_.Increment();
     const int64_t fitting = limits_.max_response_bytes / std::max<int64_t>(1, bytes / targets);
-    return errors::WithReason(
-        absl::ResourceExhaustedError(absl::StrCat(
-            "the answer could have ", bytes, " bytes, and one answer may have ",
-            limits_.max_response_bytes,
-            "; set omit_sigma_trajectories, ask for fewer actions (top_k), or split the request "
-            "into requests of at most ",
-            std::max<int64_t>(1, fitting), " targets")),
-        "RESPONSE_TOO_LARGE");
+    return RefuseAsTooLarge(absl::StrCat(
+        "the answer could have ", bytes, " bytes, and one answer may have ",
+        limits_.max_response_bytes,
+        "; set omit_sigma_trajectories, ask for fewer actions (top_k), or split the request "
+        "into requests of at most ",
+        std::max<int64_t>(1, fitting), " targets"));
+  }
+  return TakeIfRoom(bytes);
+}
+
+absl::StatusOr<SendMemory::Share> SendMemory::TakeIfRoom(int64_t bytes) {
+  if (bytes > limits_.max_response_bytes) {
+    return RefuseAsTooLarge(absl::StrCat(
+        "the answer has ", bytes, " bytes, and one answer may have ", limits_.max_response_bytes,
+        " (--max-response-bytes); ask for a smaller page (page_size)"));
   }
   {
     const MutexLock lock(mutex_);
-    if (used_ + bytes <= limits_.max_send_memory) {
+    if (bytes == 0 || used_ + bytes <= limits_.max_send_memory) {
       used_ += bytes;
       used_gauge_.Set(static_cast<double>(used_));
       return Share(this, bytes);
     }
   }
+  return RefuseAsFull();
+}
+
+absl::Status SendMemory::CheckRoom() {
+  {
+    const MutexLock lock(mutex_);
+    if (used_ < limits_.max_send_memory) return absl::OkStatus();
+  }
+  return RefuseAsFull();
+}
+
+SendMemory::Share SendMemory::Take(int64_t bytes) {
+  const MutexLock lock(mutex_);
+  used_ += bytes;
+  used_gauge_.Set(static_cast<double>(used_));
+  return Share(this, bytes);
+}
+
+absl::Status SendMemory::RefuseAsTooLarge(const std::string& message) {
+  too_large_.Increment();
+  return errors::WithReason(absl::ResourceExhaustedError(message), "RESPONSE_TOO_LARGE");
+}
+
+absl::Status SendMemory::RefuseAsFull() {
   full_.Increment();
   return errors::WithRetryDelay(
       errors::WithReason(absl::ResourceExhaustedError(

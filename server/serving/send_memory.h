@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <string>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/statusor.h"
@@ -55,10 +56,23 @@ class SendMemory {
   //   RESPONSE_TOO_LARGE: more than max_response_bytes; the message says what to request instead.
   //   SEND_MEMORY_FULL: answers that callers have not read leave no room; has a retry delay.
   absl::StatusOr<Share> Reserve(int64_t bytes, int64_t targets);
+
+  // The following are for answers whose size is known only once they are there.
+
+  // Call it before the work for an answer: returns SEND_MEMORY_FULL, as Reserve does, while unread
+  // answers fill the memory.
+  absl::Status CheckRoom();
+  // Counts an answer. RESOURCE_EXHAUSTED, as Reserve: RESPONSE_TOO_LARGE, SEND_MEMORY_FULL.
+  absl::StatusOr<Share> TakeIfRoom(int64_t bytes);
+  // Counts an answer even if it does not fit.
+  Share Take(int64_t bytes);
+
   // MemoryBudget::AdmitRequest of the budget; OK without one.
   absl::StatusOr<std::shared_ptr<const void>> AdmitRequest(int64_t bytes);
 
  private:
+  absl::Status RefuseAsFull();
+  absl::Status RefuseAsTooLarge(const std::string& message);
   void Release(int64_t bytes);
 
   const SendLimits limits_;

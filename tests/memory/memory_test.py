@@ -2,8 +2,8 @@
 """A server in a control group of 512 MB gets three times the load that fits, in bytes and in calls, and is never ended by
 the system.
 
-Bytes: callers keep answers unread, and send large scenes, maps and uploads again and again. Together they hold or send
-three times the limit at any moment. Calls: `maneuver load` first measures how many calls a second the server answers,
+Bytes: callers keep answers and recordings unread, and send large scenes, maps and uploads again and again. Together they
+hold or send three times the limit at any moment. Calls: `maneuver load` first measures how many calls a second the server answers,
 then sends three times as many. A thousand watches stay open. The server must refuse what does not fit, and give a
 reason. A planner with small requests must get answers before the load, some during it, and all after it.
 
@@ -37,12 +37,13 @@ SKIPPED = 77
 WATCHES = 1000
 MOST_POINTS = 490_000  # of a map
 PREDICT = "/maneuver.v1.PredictionService/Predict"
+GET_SCENARIO = "/maneuver.v1.DatasetService/GetScenario"
 # What is asked for at any moment, in limits: three together.
-SHARES = {"hold": 1, "predict": 0.75, "register": 0.75, "upload": 0.5}
+SHARES = {"hold": 0.5, "fetch": 0.5, "predict": 0.75, "register": 0.75, "upload": 0.5}
 
 
 class ControlGroup:
-    """A control group with a memory limit, of version 1 or 2; none where it cannot be made."""
+    """A control group with a memory limit, of version 1 or 2; `folder` is None where it cannot be made or entered."""
 
     def __init__(self, limit):
         self.folder = None
@@ -51,12 +52,18 @@ class ControlGroup:
             folder = parent / f"maneuver-memory-test-{os.getpid()}"
             try:
                 folder.mkdir()
-                (folder / file).write_text(str(limit))
-                self.folder = folder
-                return
             except OSError:
-                if folder.exists():
-                    folder.rmdir()
+                continue
+            # In a folder that is no control group there is no such file, and it would be an ordinary one.
+            if (folder / file).exists():
+                try:
+                    self.folder = folder
+                    (folder / file).write_text(str(limit))
+                    subprocess.run(["true"], preexec_fn=self.enter, check=True)
+                    return
+                except (OSError, subprocess.SubprocessError):
+                    self.folder = None
+            folder.rmdir()
 
     def enter(self):
         (self.folder / "cgroup.procs").write_text(str(os.getpid()))
@@ -135,6 +142,16 @@ class Load:
             answer = channel.unary_unary(PREDICT)(question.SerializeToString(), timeout=PATIENCE_S)
         item = v1.StreamPredictRequest(request=question).SerializeToString()
         self.asked = [item] * max(1, self.size // len(answer))
+        # A recording of some minutes: a megabyte.
+        town = server.work / "town"
+        subprocess.run([options.maneuver, "synthesize", town, "--recordings", "1", "--duration", "120"], check=True,
+                       stdout=subprocess.DEVNULL)
+        with maneuver.Client(server.address) as client:
+            client.upload_dataset(town, "datasets/town")
+            recording = next(iter(client.list_scenarios("datasets/town"))).scenario_id
+            self.recording = v1.GetScenarioRequest(parent="datasets/town", scenario_id=recording).SerializeToString()
+            size = client.get_scenario("datasets/town", recording).ByteSize()
+        self.recordings = max(1, self.size // size)
         shares = {options.only: TIMES} if options.only else SHARES
         self.callers = {kind: max(1, round(share * options.limit * MB / self.size)) for kind, share in shares.items()}
 
@@ -151,6 +168,19 @@ class Load:
         if not answers.is_active():
             raise answers
         answers.cancel()
+
+    def fetch(self, channel):
+        """Asks for recordings of `size` bytes, and reads none of them."""
+        # As a stream, since gRPC would read a single answer at once.
+        get = channel.unary_stream(GET_SCENARIO)
+        answers = [get(self.recording) for _ in range(self.recordings)]
+        while all(answer.is_active() for answer in answers) and not self.over.wait(0.05):
+            pass
+        ended = [answer for answer in answers if not answer.is_active()]
+        for answer in answers:
+            answer.cancel()
+        if ended:
+            raise ended[0]
 
     def predict(self, channel):
         channel.unary_unary(PREDICT)(self.large, timeout=5)
@@ -172,8 +202,9 @@ class Load:
 
     def again_and_again(self, kind, call):
         while not self.over.is_set():
+            # With its probes, gRPC takes megabytes that nobody reads.
             with grpc.insecure_channel(self.server.address, options=[("grpc.use_local_subchannel_pool", 1), (
-                    "grpc.max_receive_message_length", -1)]) as channel:
+                    "grpc.max_receive_message_length", -1), ("grpc.http2.bdp_probe", 0)]) as channel:
                 while not self.over.is_set():
                     try:
                         call(channel)
@@ -229,11 +260,14 @@ class Load:
 
 
 def planner(server, seconds, ends, most):
-    """Asks for little, ten times a second, until `seconds` are over. Notes the most memory that was seen."""
+    """Asks for little, ten times a second, until `seconds` are over and it was answered once, or PATIENCE_S more are over.
+
+    Notes the most memory that was seen.
+    """
     scene = v1.Scenario(prediction_time=0.2, target_ids=[1], agents=[vehicle(1)])
     give_up = time.monotonic() + seconds
     with maneuver.Client(server.address) as client:
-        while time.monotonic() < give_up and server.process.poll() is None:
+        while server.process.poll() is None and time.monotonic() < give_up + (0 if ends["OK"] else PATIENCE_S):
             try:
                 client.predict(scene, model="models/small", timeout=10)
                 ends["OK"] += 1
@@ -255,9 +289,7 @@ def run(options, work, group):
         load.begin()
         planner(server, options.seconds, during, most)
         load.end()
-        give_up = time.monotonic() + PATIENCE_S
-        while server.process.poll() is None and time.monotonic() < give_up and not after["OK"]:
-            planner(server, 0.5, after, most)
+        planner(server, 0.5, after, most)
         print(f"limit {options.limit} MiB, {options.seconds:.0f} s")
         load.report()
         print("planner before, during, after:", dict(before), dict(during), dict(after))

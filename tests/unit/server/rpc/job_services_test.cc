@@ -43,8 +43,9 @@ class JobServicesTest : public jobs::SupervisorTest {
     Start();
     WriteTokens(*security::TokenLine("ada", *security::RoleSet::Parse("train"), "secret"));
     access_ = *security::AccessControl::Create({.identities = folder_ / "tokens"}, *metrics_);
-    dataset_service_ = std::make_unique<DatasetService>(*datasets_, *supervisor_, pool_, *access_);
-    training_service_ = std::make_unique<TrainingService>(*supervisor_, pool_, *access_);
+    dataset_service_ =
+        std::make_unique<DatasetService>(*datasets_, *supervisor_, blocking_, *access_);
+    training_service_ = std::make_unique<TrainingService>(*supervisor_, blocking_, *access_);
     grpc::ServerBuilder builder;
     builder.RegisterService(dataset_service_.get());
     builder.RegisterService(training_service_.get());
@@ -132,9 +133,11 @@ class JobServicesTest : public jobs::SupervisorTest {
   }
 
   const std::filesystem::path town_ = folder_ / "datasets" / "town";
-  WorkerPool pool_{2, 100};
   const std::unique_ptr<monitoring::PrometheusMetrics> metrics_ =
       monitoring::PrometheusMetrics::Create();
+  serving::SendMemory send_memory_{{.max_send_memory = 1 << 20}, *metrics_};
+  WorkerPool pool_{2, 100};
+  const BlockingWork blocking_{pool_, send_memory_};
   std::unique_ptr<security::AccessControl> access_;
   std::unique_ptr<DatasetService> dataset_service_;
   std::unique_ptr<TrainingService> training_service_;
@@ -380,6 +383,41 @@ TEST_F(JobServicesTest, RefusesToWatchAnUnknownJob) {
   EXPECT_EQ(Watch("jobs/../x", 0, &jobs).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
   EXPECT_EQ(Watch("jobs/none", -1, &jobs).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
   EXPECT_THAT(jobs, IsEmpty());
+}
+
+TEST_F(JobServicesTest, UnreadAnswersRefuseCallsBeforeTheyDoAnythingButDeletions) {
+  Trainer("mkdir \"$output\"");
+  const v1::Job job = TrainOverTheWire();
+  const auto get_scenario = [this] {
+    grpc::ClientContext context;
+    v1::GetScenarioRequest request;
+    request.set_parent("datasets/town");
+    request.set_scenario_id("r0");
+    v1::Scenario scenario;
+    return datasets_stub_->GetScenario(&context, request, &scenario);
+  };
+  std::vector<v1::Job> news;
+  {
+    const serving::SendMemory::Share unread = send_memory_.Take(1 << 20);
+    const grpc::Status refused = get_scenario();
+    EXPECT_EQ(refused.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
+    EXPECT_EQ(Reason(refused), "SEND_MEMORY_FULL");
+    EXPECT_THAT(refused.error_details(), HasSubstr("google.rpc.RetryInfo"));
+    EXPECT_EQ(Reason(Watch(job.name(), 0, &news)), "SEND_MEMORY_FULL");
+    {
+      grpc::ClientContext context;
+      v1::Job another;
+      EXPECT_EQ(Reason(training_stub_->Train(&context, TrainTown(), &another)), "SEND_MEMORY_FULL");
+    }
+    grpc::ClientContext context;
+    v1::DeleteDatasetRequest request;
+    request.set_name("datasets/village");
+    google::protobuf::Empty nothing;
+    EXPECT_TRUE(datasets_stub_->DeleteDataset(&context, request, &nothing).ok());
+  }
+  EXPECT_TRUE(get_scenario().ok());
+  EXPECT_TRUE(Watch(job.name(), 0, &news).ok());
+  EXPECT_EQ(supervisor_->List(10, "")->jobs.size(), 1u);
 }
 
 TEST_F(JobServicesTest, AWatcherThatLeavesDisturbsNobody) {

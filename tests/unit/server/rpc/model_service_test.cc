@@ -6,7 +6,9 @@
 #include <cmath>
 #include <fstream>
 #include <optional>
+#include <thread>
 
+#include "tests/integration/raw_http2.h"
 #include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/server/rpc/server_fixture.h"
 
@@ -20,7 +22,8 @@ using ::testing::HasSubstr;
 class ModelServiceTest : public ServerTest {
  protected:
   // Writes the manifest of town/1: three actions that stand still, the second of them labelled.
-  void WriteManifest(v1::TrajectoryReference reference) {
+  //   points: of the mean trajectory of each action
+  void WriteManifest(v1::TrajectoryReference reference, int points = 1) {
     v1::ModelManifest manifest;
     manifest.set_format_version(1);
     v1::ModelSpec& spec = *manifest.mutable_spec();
@@ -33,8 +36,11 @@ class ModelServiceTest : public ServerTest {
       action.set_action_id(id);
       action.set_usage(0.25);
       action.set_effective(id != 2);
-      action.mutable_distribution()->mutable_mean_trajectory()->add_x(id == 2 ? -3.0 : 0.0);
-      action.mutable_distribution()->mutable_mean_trajectory()->add_y(0.0);
+      v1::Trajectory& mean = *action.mutable_distribution()->mutable_mean_trajectory();
+      for (int i = 0; i < points; ++i) {
+        mean.add_x(id == 2 ? -3.0 : 0.0);
+        mean.add_y(0.0);
+      }
     }
     manifest.mutable_actions(1)->set_label("keeps going");
     std::string json;
@@ -149,6 +155,54 @@ TEST_F(ModelServiceTest, ANewLabelAppearsInPredictionsAtOnce) {
   scene.add_required_action_names("parks");
   ASSERT_TRUE(Predict(scene, &response).ok());
   EXPECT_THAT(response.action_names(), ElementsAre("stand still (1)", "keeps going", "parks"));
+}
+
+TEST_F(ModelServiceTest, AnswersThatNobodyReadsRefuseOthersUntilTheirCallerHasGone) {
+  Publish();
+  WriteManifest(v1::TRAJECTORY_REFERENCE_NONE, 20'000);  // about a megabyte of actions
+  constexpr int kKept = 4096;
+  std::optional<integration::RawHttp2> reader(std::in_place, server_->address().ToString(), kKept);
+  reader->SendPreface();
+  reader->SendSettingsWithoutFlowControl();
+  v1::GetActionSetRequest request;
+  request.set_name("models/town");
+  v1::ActionSet set;
+  grpc::Status status;
+  // The kernel keeps some megabytes.
+  for (int i = 0; i < 100 && status.ok(); ++i) {
+    reader->OpenCall(2 * i + 1, "/maneuver.v1.ModelService/GetActionSet");
+    reader->SendMessage(2 * i + 1, request.SerializeAsString());
+    status = GetActionSet(std::nullopt, &set);
+  }
+  EXPECT_EQ(Reason(status), "SEND_MEMORY_FULL");
+  EXPECT_LE(SendMemory(), 8 << 20);
+  reader.reset();
+  while (SendMemory() > 0.0) std::this_thread::yield();
+  EXPECT_TRUE(GetActionSet(std::nullopt, &set).ok());
+}
+
+TEST_F(ModelServiceTest, AChunkThatNobodyTakesCountsAsSendMemory) {
+  Publish();
+  WriteManifest(v1::TRAJECTORY_REFERENCE_NONE);
+  std::ofstream(folder_ / "models" / "town" / "1" / "weights.safetensors")
+      << std::string(3 << 20, 'x');
+  v1::DownloadModelVersionRequest request;
+  request.set_name("models/town");
+  v1::DownloadModelVersionResponse response;
+  {
+    grpc::ClientContext context;
+    const auto download = model_stub_->DownloadModelVersion(&context, request);
+    while (SendMemory() < 1 << 20) std::this_thread::yield();
+    EXPECT_LT(SendMemory(), 2 << 20);
+    context.TryCancel();
+    download->Finish();
+  }
+  while (SendMemory() > 0.0) std::this_thread::yield();
+  const serving::SendMemory::Share unread = send_memory_.Take(8 << 20);
+  grpc::ClientContext context;
+  const auto download = model_stub_->DownloadModelVersion(&context, request);
+  EXPECT_FALSE(download->Read(&response));
+  EXPECT_EQ(Reason(download->Finish()), "SEND_MEMORY_FULL");
 }
 
 TEST_F(ModelServiceTest, RefusesAnImpossibleSpeed) {

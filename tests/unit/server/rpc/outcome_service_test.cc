@@ -101,6 +101,23 @@ TEST_F(OutcomeServiceTest, RefusesAReportWithADelayWhenTooManyWait) {
   EXPECT_NE(status.error_details().find("google.rpc.RetryInfo"), std::string::npos);
 }
 
+TEST_F(OutcomeServiceTest, UnreadAnswersRefuseReportsWithoutCountingThem) {
+  Start(1);
+  v1::ReportOutcomesResponse response;
+  {
+    const serving::SendMemory::Share unread = send_memory_.Take(8 << 20);
+    EXPECT_EQ(Reason(Report(&response)), "SEND_MEMORY_FULL");
+    for (const v1::StreamOutcomesResponse& answer : ReportTwiceOnAStream()) {
+      EXPECT_EQ(answer.error().code(), static_cast<int>(grpc::StatusCode::RESOURCE_EXHAUSTED));
+    }
+  }
+  EXPECT_EQ(Counted(), 0.0);
+  EXPECT_TRUE(Report(&response).ok());
+  EXPECT_FALSE(ReportTwiceOnAStream().back().has_error());
+  // The end of a call is seen by its caller before it is by the server.
+  while (SendMemory() > 0.0) std::this_thread::yield();
+}
+
 TEST_F(OutcomeServiceTest, TargetsCountAgainstTheCallersLimit) {
   security::AccessOptions access;
   access.targets_per_second = 1e-3;

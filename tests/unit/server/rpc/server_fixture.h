@@ -81,8 +81,8 @@ class ServerTest : public ::testing::Test {
     predictions_ = std::make_unique<PredictionService>(*context_);
     version_uploads_ = std::make_unique<serving::VersionUploads>(folder_ / "models", *versions_,
                                                                  *models_, std::chrono::hours(1));
-    model_service_ =
-        std::make_unique<ModelService>(*versions_, *models_, *version_uploads_, *disk_, *access_);
+    model_service_ = std::make_unique<ModelService>(*versions_, *models_, *version_uploads_,
+                                                    BlockingWork{*disk_, send_memory_}, *access_);
     auto server = Server::Start({"127.0.0.1", 0},
                                 {{v1::PredictionService::service_full_name(), predictions_.get()},
                                  {v1::ModelService::service_full_name(), model_service_.get()}},

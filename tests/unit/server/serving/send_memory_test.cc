@@ -52,5 +52,30 @@ TEST_F(SendMemoryTest, ReleasesWhatAnAnswerDidNotNeed) {
   EXPECT_THAT(metrics_->Page(), HasSubstr("\nmaneuver_send_memory_bytes 0\n"));
 }
 
+TEST_F(SendMemoryTest, RefusesAnAnswerThatIsThereAndDoesNotFit) {
+  const auto large = memory_.TakeIfRoom(1001);
+  EXPECT_EQ(errors::ReasonOf(large.status()), "RESPONSE_TOO_LARGE");
+  EXPECT_THAT(std::string(large.status().message()), HasSubstr("page_size"));
+  const SendMemory::Share unread = memory_.Take(2000);
+  EXPECT_TRUE(memory_.TakeIfRoom(500).ok());
+  EXPECT_EQ(errors::ReasonOf(memory_.TakeIfRoom(501).status()), "SEND_MEMORY_FULL");
+  const SendMemory::Share more = memory_.Take(1000);
+  EXPECT_TRUE(memory_.TakeIfRoom(0).ok());  // such as that of a deletion
+}
+
+TEST_F(SendMemoryTest, CountsAnAnswerThatIsThereAboveTheLimitAndHasNoRoomUntilItIsRead) {
+  EXPECT_TRUE(memory_.CheckRoom().ok());
+  {
+    const SendMemory::Share unread = memory_.Take(4000);
+    EXPECT_THAT(metrics_->Page(), HasSubstr("\nmaneuver_send_memory_bytes 4000\n"));
+    const absl::Status full = memory_.CheckRoom();
+    EXPECT_EQ(errors::ReasonOf(full), "SEND_MEMORY_FULL");
+    EXPECT_TRUE(errors::RetryDelay(full).has_value());
+    EXPECT_FALSE(memory_.Reserve(1, 1).ok());
+  }
+  EXPECT_TRUE(memory_.CheckRoom().ok());
+  EXPECT_THAT(metrics_->Page(), HasSubstr("\nmaneuver_send_memory_bytes 0\n"));
+}
+
 }  // namespace
 }  // namespace maneuver::serving::send_memory_test
