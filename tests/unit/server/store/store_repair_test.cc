@@ -191,6 +191,7 @@ TEST_F(StoreRepairTest, DropsEventsThatCannotBe) {
   Execute("UPDATE progress SET job_number = 0 WHERE sequence = 2");
   const auto repair = RepairStore(data_dir_, "");
   ASSERT_TRUE(repair.ok()) << repair.status();
+  EXPECT_THAT(repair->damage, HasSubstr("event 2 of job number 0"));
   EXPECT_EQ(repair->contents.ToString(), "3 jobs (2 pending, 1 running), 1 event, 1 alias");
 }
 
