@@ -188,6 +188,8 @@ def write_argoverse():
 
 
 def write_stream(pb, scene):
+    scene.agents[0].type = 1  # a vehicle, which the model answers about
+
     def add(script, name, **timeout):
         request = script.steps.add().request
         request.request_id = name
