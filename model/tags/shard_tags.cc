@@ -232,6 +232,9 @@ std::string Objection(const TagHead& head, const Schema& schema) {
   if (head.action_rows_size() != schema.content.action_names_size()) {
     return "it has another number of actions than the tags' model";
   }
+  for (const int64_t rows : head.action_rows()) {
+    if (rows < 0 || rows > head.rows()) return "an action's number of rows is out of range";
+  }
   return "";
 }
 

@@ -70,15 +70,18 @@ MethodMetrics::OfCode& MethodMetrics::Of(grpc::StatusCode code) {
 }
 
 CallMetrics::CallMetrics(monitoring::MetricRegistry& metrics,
-                         const std::vector<std::string>& methods)
-    : metrics_(metrics) {
+                         const std::vector<std::string>& methods,
+                         const std::vector<std::string>& others)
+    : metrics_(metrics), others_(others.begin(), others.end()) {
   for (const std::string& method : methods) Add(method, /*of_contract=*/true);
 }
 
 MethodMetrics& CallMetrics::Find(std::string_view method) {
   const MutexLock lock(mutex_);
   if (const auto found = methods_.find(method); found != methods_.end()) return *found->second;
-  return Add(method, /*of_contract=*/false);
+  if (others_.contains(method)) return Add(method, /*of_contract=*/false);
+  const auto unknown = methods_.find(kUnknownMethod);
+  return unknown != methods_.end() ? *unknown->second : Add(kUnknownMethod, false);
 }
 
 MethodMetrics& CallMetrics::Add(std::string_view method, bool of_contract) {

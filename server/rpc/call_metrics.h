@@ -10,6 +10,7 @@
 #include <chrono>
 #include <map>
 #include <memory>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -19,6 +20,9 @@
 #include "server/monitoring/metrics.h"
 
 namespace maneuver::rpc {
+
+// The label of all methods that the server does not have.
+inline constexpr char kUnknownMethod[] = "unknown";
 
 // Returns the name of a code, such as "NOT_FOUND"; "UNKNOWN" for any other number.
 const char* CodeName(grpc::StatusCode code);
@@ -69,11 +73,13 @@ class CallMetrics {
  public:
   //   methods: all methods of the contract, such as "/maneuver.v1.PredictionService/Predict". They
   //     are shown from the start.
+  //   others: further methods of the server
   // `metrics` must outlive this object.
-  CallMetrics(monitoring::MetricRegistry& metrics, const std::vector<std::string>& methods);
+  CallMetrics(monitoring::MetricRegistry& metrics, const std::vector<std::string>& methods,
+              const std::vector<std::string>& others);
 
-  // Returns the metrics of a method: one of `methods`, or one of health and reflection. gRPC passes
-  // only registered methods, so the number of labels is bounded.
+  // Returns the metrics of a method. All that are in neither list share kUnknownMethod: strangers
+  // can call any name, and each would take memory for ever.
   MethodMetrics& Find(std::string_view method);
 
  private:
@@ -81,6 +87,7 @@ class CallMetrics {
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   monitoring::MetricRegistry& metrics_;
+  const std::set<std::string, std::less<>> others_;
   Mutex mutex_;
   // Its elements never move.
   std::map<std::string, std::unique_ptr<MethodMetrics>, std::less<>> methods_

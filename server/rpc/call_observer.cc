@@ -31,7 +31,11 @@ absl::Status Malformed() {
 class CallInterceptor final : public grpc::experimental::Interceptor {
  public:
   CallInterceptor(MethodMetrics& metrics, CallLog& log, ServerRpcInfo::Type type)
-      : metrics_(metrics), log_(log), type_(type), start_(Clock::now()) {
+      : metrics_(metrics),
+        log_(log),
+        type_(type),
+        is_method_(metrics.name() != kUnknownMethod),
+        start_(Clock::now()) {
     metrics_.Begin();
   }
   // A call that broke off before it was given a status was cancelled.
@@ -44,7 +48,10 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
     if (metrics_.of_contract()) CountBytes(*batch);
     if (batch->QueryInterceptionHookPoint(InterceptionHookPoints::PRE_SEND_STATUS)) {
       grpc::StatusCode counted = batch->GetSendStatus().error_code();
-      if (DidNotParse(batch->GetSendStatus())) {
+      if (IsOfGrpc(batch->GetSendStatus()) && !is_method_) {
+        batch->ModifySendStatus(
+            {grpc::StatusCode::UNIMPLEMENTED, "this server has no such method"});
+      } else if (IsOfGrpc(batch->GetSendStatus())) {
         batch->ModifySendStatus(ToGrpcStatus(Malformed()));
         // Without a request the caller has gone, or gRPC itself has refused the request.
         counted = lacks_request_ ? grpc::StatusCode::CANCELLED : grpc::StatusCode::INVALID_ARGUMENT;
@@ -66,8 +73,8 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
     origin_ = log_.OriginOf(value("x-request-id"), value("traceparent"));
   }
 
-  // So gRPC itself ends a call of a method that there is, and nobody else does.
-  static bool DidNotParse(const grpc::Status& status) {
+  // So gRPC itself ends a call that it cannot parse, or whose method is unknown, and nobody else does.
+  static bool IsOfGrpc(const grpc::Status& status) {
     return status.error_code() == grpc::StatusCode::UNIMPLEMENTED && status.error_message().empty();
   }
 
@@ -114,6 +121,7 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
   MethodMetrics& metrics_;
   CallLog& log_;
   const ServerRpcInfo::Type type_;
+  const bool is_method_;  // of this server
   std::atomic<Clock::time_point> start_;
   CallOrigin origin_;  // set before anything else of the call happens
   std::atomic<int64_t> received_ = 0;
@@ -124,8 +132,9 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
 
 class CallObserver final : public grpc::experimental::ServerInterceptorFactoryInterface {
  public:
-  CallObserver(monitoring::MetricRegistry& metrics, const std::vector<std::string>& methods)
-      : metrics_(metrics, methods), log_(std::random_device()()) {}
+  CallObserver(monitoring::MetricRegistry& metrics, const std::vector<std::string>& methods,
+               const std::vector<std::string>& others)
+      : metrics_(metrics, methods, others), log_(std::random_device()()) {}
 
   grpc::experimental::Interceptor* CreateServerInterceptor(ServerRpcInfo* info) override {
     return new CallInterceptor(metrics_.Find(info->method()), log_, info->type());
@@ -139,8 +148,9 @@ class CallObserver final : public grpc::experimental::ServerInterceptorFactoryIn
 }  // namespace
 
 std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface> ObserveCalls(
-    monitoring::MetricRegistry& metrics, const std::vector<std::string>& methods) {
-  return std::make_unique<CallObserver>(metrics, methods);
+    monitoring::MetricRegistry& metrics, const std::vector<std::string>& methods,
+    const std::vector<std::string>& others) {
+  return std::make_unique<CallObserver>(metrics, methods, others);
 }
 
 }  // namespace maneuver::rpc

@@ -13,13 +13,15 @@
 
 namespace maneuver::rpc {
 
-// Gives calls whose request gRPC could not parse INVALID_ARGUMENT with the reason
-// MALFORMED_MESSAGE. Counts calls (call_metrics.h) and writes their lines (call_log.h). Every
-// answer carries its request id as the trailer x-request-id.
+// Gives calls whose request gRPC could not parse INVALID_ARGUMENT with the reason MALFORMED_MESSAGE,
+// and those of an unknown method a message. Counts calls (call_metrics.h) and writes their lines
+// (call_log.h). Every answer carries its request id as the trailer x-request-id.
 //   methods: all methods of the guarded services, such as "/maneuver.v1.PredictionService/Predict".
+//   others: further methods of the server; any other is unknown
 // `metrics` outlives the server.
 std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface> ObserveCalls(
-    monitoring::MetricRegistry& metrics, const std::vector<std::string>& methods);
+    monitoring::MetricRegistry& metrics, const std::vector<std::string>& methods,
+    const std::vector<std::string>& others);
 
 }  // namespace maneuver::rpc
 

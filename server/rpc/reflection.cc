@@ -29,6 +29,7 @@ using grpc::reflection::v1::ServerReflectionResponse;
 constexpr int kMostCalls = 64;
 // Names have at most some hundred bytes. The answer repeats the request.
 constexpr size_t kMostRequestBytes = 1 << 10;
+constexpr char kReflectionMethod[] = "/grpc.reflection.v1.ServerReflection/ServerReflectionInfo";
 constexpr char kAlphaMethod[] = "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo";
 
 void SetError(grpc::StatusCode code, std::string message, ServerReflectionResponse* response) {
@@ -191,6 +192,10 @@ ReflectionService::ReflectionService(std::vector<std::string> services, SmallMes
   MarkMethodCallback(
       1, new BidiHandler<ServerReflectionRequest, ServerReflectionResponse>(
              [this](grpc::CallbackServerContext* rpc) { return ServerReflectionInfo(rpc); }));
+}
+
+std::vector<std::string> ReflectionService::MethodNames() {
+  return {kReflectionMethod, kAlphaMethod};
 }
 
 grpc::ServerBidiReactor<ServerReflectionRequest, ServerReflectionResponse>*

@@ -30,6 +30,9 @@ class ReflectionService final : public grpc::reflection::v1::ServerReflection::C
   //   small: bounds requests; must outlive the server
   ReflectionService(std::vector<std::string> services, SmallMessages& small);
 
+  // Returns the paths of its methods.
+  static std::vector<std::string> MethodNames();
+
   grpc::ServerBidiReactor<grpc::reflection::v1::ServerReflectionRequest,
                           grpc::reflection::v1::ServerReflectionResponse>*
   ServerReflectionInfo(grpc::CallbackServerContext* rpc) override;

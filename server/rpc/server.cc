@@ -106,12 +106,14 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(
                           .small = small.get()};
   auto guard = GuardedService::Create(open, access);
   if (!guard.ok()) return guard.status();
+  std::vector<std::string> others = (*guard)->MethodNames();
+  for (const std::string& name : ReflectionService::MethodNames()) others.push_back(name);
   builder.RegisterService(guarded.emplace_back(*std::move(guard)).get());
   names.emplace_back(open.name);
   auto reflection = std::make_unique<ReflectionService>(std::move(names), *small);
   builder.RegisterService(reflection.get());
   std::vector<std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface>> interceptors;
-  interceptors.push_back(ObserveCalls(metrics, methods));
+  interceptors.push_back(ObserveCalls(metrics, methods, others));
   builder.experimental().SetInterceptorCreators(std::move(interceptors));
 
   std::unique_ptr<grpc::Server> server = builder.BuildAndStart();

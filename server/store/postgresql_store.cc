@@ -319,14 +319,14 @@ class SessionStore final : public PostgresqlStore,
                                                             int64_t after_sequence,
                                                             int limit) override {
     const auto rows =
-        Read({"SELECT progress FROM progress"
+        Read({"SELECT sequence, progress FROM progress"
               " WHERE job_number = (SELECT number FROM jobs WHERE name = $1) AND sequence > $2"
               " ORDER BY sequence LIMIT $3",
               {name, after_sequence, limit}});
     if (!rows.ok()) return rows.status();
     std::vector<v1::JobProgress> events;
     for (int row = 0; row < rows->count(); ++row) {
-      auto event = ParseStoredProgress(rows->Bytes(row, 0));
+      auto event = ParseStoredProgress(rows->Int(row, 0), rows->Bytes(row, 1));
       if (!event.ok()) return event.status();
       events.push_back(*std::move(event));
     }

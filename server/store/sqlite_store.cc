@@ -61,6 +61,7 @@ class FileStore final : public SqliteStore {
     }
     if (absl::Status status = CheckIntegrity(); !status.ok()) return status;
     if (absl::Status status = PrepareSchema(database_); !status.ok()) return status;
+    if (absl::Status status = CheckEvents(); !status.ok()) return status;
     CheckpointOnClose(true);
     return absl::OkStatus();
   }
@@ -222,7 +223,7 @@ class FileStore final : public SqliteStore {
                                                             int limit) override {
     const MutexLock lock(mutex_);
     Statement select(database_,
-                     "SELECT progress FROM progress "
+                     "SELECT sequence, progress FROM progress "
                      "WHERE job_number = (SELECT number FROM jobs WHERE name = ?) AND sequence > ? "
                      "ORDER BY sequence LIMIT ?");
     select.Bind(name).Bind(after_sequence).Bind(limit);
@@ -231,7 +232,7 @@ class FileStore final : public SqliteStore {
       const auto row = select.Step();
       if (!row.ok()) return row.status();
       if (!*row) return events;
-      auto event = ParseStoredProgress(select.Bytes(0));
+      auto event = ParseStoredProgress(select.Int(0), select.Bytes(1));
       if (!event.ok()) return event.status();
       events.push_back(*std::move(event));
     }
@@ -321,6 +322,18 @@ class FileStore final : public SqliteStore {
     const std::string found = check.Bytes(0);
     if (found == "ok") return absl::OkStatus();
     return absl::DataLossError(absl::StrCat("the job store: ", found));
+  }
+
+  // Finds events that no job has, or that come before a job's first: nobody would miss them.
+  absl::Status CheckEvents() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    Statement find(database_,
+                   "SELECT job_number, sequence FROM progress "
+                   "WHERE sequence < 1 OR job_number NOT IN (SELECT number FROM jobs) LIMIT 1");
+    const auto row = find.Step();
+    if (!row.ok()) return row.status();
+    if (!*row) return absl::OkStatus();
+    return absl::DataLossError(absl::StrCat("the job store holds event ", find.Int(1),
+                                            " of job number ", find.Int(0), ", which cannot be"));
   }
 
   bool HoldsLocked(const jobs::JobLease& lease) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {

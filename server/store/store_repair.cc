@@ -136,7 +136,7 @@ absl::Status TakeJobs(sqlite3* damaged, sqlite3* repaired, StoreRepair* repair) 
       damaged, "SELECT job_number, sequence, progress FROM progress", "job_number, sequence",
       [&](const Statement& row) {
         const std::string progress = row.Bytes(2);
-        if (!ParseStoredProgress(progress).ok()) return absl::OkStatus();
+        if (!ParseStoredProgress(row.Int(1), progress).ok()) return absl::OkStatus();
         Statement insert(repaired,
                          "INSERT OR IGNORE INTO progress (job_number, sequence, progress) "
                          "SELECT ?1, ?2, ?3 WHERE EXISTS (SELECT 1 FROM jobs WHERE number = ?1)");

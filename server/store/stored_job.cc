@@ -69,9 +69,9 @@ std::string StoredDataset(const v1::Dataset& manifest) {
   return WithChecksum(manifest.SerializeAsString());
 }
 
-absl::StatusOr<v1::JobProgress> ParseStoredProgress(const std::string& bytes) {
+absl::StatusOr<v1::JobProgress> ParseStoredProgress(int64_t sequence, const std::string& bytes) {
   v1::JobProgress progress;
-  if (!ParseChecked(bytes, &progress)) {
+  if (!ParseChecked(bytes, &progress) || progress.sequence() != sequence) {
     return absl::DataLossError("the job store holds an event that is damaged");
   }
   return progress;

@@ -28,8 +28,10 @@ std::string StoredJob(v1::Job job);
 std::string StoredProgress(const v1::JobProgress& progress);
 std::string StoredDataset(const v1::Dataset& manifest);
 
-// Returns the event of a row. DATA_LOSS if its CRC does not match, or it does not parse.
-absl::StatusOr<v1::JobProgress> ParseStoredProgress(const std::string& bytes);
+// Returns the event of a row. DATA_LOSS if its CRC does not match, it does not parse, or its sequence
+// differs.
+//   sequence: the column of the row
+absl::StatusOr<v1::JobProgress> ParseStoredProgress(int64_t sequence, const std::string& bytes);
 // The columns of a row that repeat what its job says.
 struct JobKey {
   std::string name;

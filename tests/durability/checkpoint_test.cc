@@ -45,6 +45,25 @@ TEST(DurabilityTest, AfterAPowerCutTheLastCheckpointOrTheOneBeforeIsWhole) {
   EXPECT_GE(moments, 5);
 }
 
+// As a training writes one: what it needs to go on as if it had never stopped.
+learning::Checkpoint OfATraining(int epochs) {
+  learning::Checkpoint checkpoint;
+  checkpoint.set_settings("settings");
+  checkpoint.set_training_examples(1000);
+  checkpoint.set_phase("joint");
+  checkpoint.set_epochs(epochs);
+  checkpoint.set_random("random numbers");
+  learning::StoredTensor tensor;
+  tensor.add_shape(40);
+  for (int i = 0; i < 160; ++i) tensor.mutable_values()->push_back(static_cast<char>(i * epochs));
+  for (const char* name : {"decoder", "encoder"}) (*checkpoint.mutable_networks())[name] = tensor;
+  for (int i = 0; i < 4; ++i) *checkpoint.add_moments() = tensor;
+  checkpoint.set_optimizer_steps(77);
+  (*checkpoint.mutable_means())["nll"].set_sum(0.25);
+  checkpoint.set_start_weights_sha256("0123456789abcdef");
+  return checkpoint;
+}
+
 TEST(CorruptionTest, ADamagedCheckpointIsPassedOver) {
   const TemporaryFolder parent;
   const fs::path folder = parent / "checkpoints";
@@ -55,10 +74,12 @@ TEST(CorruptionTest, ADamagedCheckpointIsPassedOver) {
     if (!latest) return absl::NotFoundError("no whole checkpoint");
     return latest->DebugString();
   };
-  ASSERT_TRUE(WriteCheckpoint(folder, 1).ok());
+  auto checkpoints = learning::CheckpointFolder::Open(folder, {.kept = 2});
+  ASSERT_TRUE(checkpoints.ok()) << checkpoints.status();
+  ASSERT_TRUE(checkpoints->Write(OfATraining(1)).ok());
   const auto before = read(folder);
   ASSERT_TRUE(before.ok());
-  ASSERT_TRUE(WriteCheckpoint(folder, 2).ok());
+  ASSERT_TRUE(checkpoints->Write(OfATraining(2)).ok());
   ExpectNoSilentDamage(folder, read, {*before});
 }
 

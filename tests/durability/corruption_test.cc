@@ -201,17 +201,18 @@ TEST(CorruptionTest, NoByteOfTheJobStoreIsAlteredInSilence) {
   ExpectNoSilentDamage(folder.path(), ReadStore);
 }
 
-// Returns what the table of jobs and its indexes use of their pages: of each page the header with
-// the places of the rows, and the rows. All fit in one page, a leaf.
-std::vector<FilePart> UsedPartsOfJobs(const fs::path& file) {
+// Returns what a table and its indexes use of their pages: of each page the header with the places of
+// the rows, and the rows. All fit in one page, a leaf.
+std::vector<FilePart> UsedParts(const fs::path& file, const std::string& table) {
   sqlite3* database = nullptr;
   EXPECT_EQ(sqlite3_open(file.c_str(), &database), SQLITE_OK);
   sqlite3_stmt* pages = nullptr;
   EXPECT_EQ(sqlite3_prepare_v2(database,
                                "SELECT rootpage, (SELECT page_size FROM pragma_page_size) FROM "
-                               "sqlite_schema WHERE tbl_name = 'jobs'",
+                               "sqlite_schema WHERE tbl_name = ? AND rootpage > 0",
                                -1, &pages, nullptr),
             SQLITE_OK);
+  sqlite3_bind_text(pages, 1, table.c_str(), -1, SQLITE_STATIC);
   std::ifstream stream(file, std::ios::binary);
   const std::string bytes{std::istreambuf_iterator<char>(stream), {}};
   std::vector<FilePart> parts;
@@ -234,8 +235,16 @@ std::vector<FilePart> UsedPartsOfJobs(const fs::path& file) {
 TEST(CorruptionTest, NoByteOfAJobIsAlteredInSilence) {
   const TemporaryFolder folder;
   ASSERT_NO_FATAL_FAILURE(WriteStore(folder / "maneuver.db"));
-  const std::vector<FilePart> parts = UsedPartsOfJobs(folder / "maneuver.db");
+  const std::vector<FilePart> parts = UsedParts(folder / "maneuver.db", "jobs");
   ASSERT_EQ(parts.size(), 8u);  // a table and three indexes
+  ExpectNoSilentDamage(folder.path(), ReadStore, {}, parts);
+}
+
+TEST(CorruptionTest, NoByteOfAnEventIsAlteredInSilence) {
+  const TemporaryFolder folder;
+  ASSERT_NO_FATAL_FAILURE(WriteStore(folder / "maneuver.db"));
+  const std::vector<FilePart> parts = UsedParts(folder / "maneuver.db", "progress");
+  ASSERT_EQ(parts.size(), 2u);  // a table that is its own index
   ExpectNoSilentDamage(folder.path(), ReadStore, {}, parts);
 }
 

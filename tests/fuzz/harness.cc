@@ -12,6 +12,7 @@
 #include "maneuver/v1/prediction_service.pb.h"
 #include "maneuver/v1/scenario.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
+#include "stream_script.pb.h"
 #include "tag_files.pb.h"
 
 namespace maneuver::fuzz {
@@ -48,6 +49,7 @@ class ProcessFolder {
 
 const std::vector<Harness>& Harnesses() {
   static const auto& all = *new std::vector<Harness>{
+      {"argoverse", Argoverse, None},
       {"commonroad", CommonRoad, None},
       {"configuration", Configuration, None},
       {"dataset_json", DatasetJson, None},
@@ -55,11 +57,13 @@ const std::vector<Harness>& Harnesses() {
       {"lane_paths", LanePaths, Of<v1::Scenario>},
       {"model_json", ModelJson, None},
       {"names", Names, None},
+      {"nuscenes", NuScenes, None},
       {"outline", Outline, Of<v1::StreamPredictRequest>},
       {"safetensors", Safetensors, None},
       {"scenario", Scenario, Of<v1::Scenario>},
       {"settings", Settings, Of<v1::TrainingSettings>},
       {"shard_index", ShardIndex, None},
+      {"stream", Stream, Of<StreamScript>},
       {"tags", Tags, Of<tags::TagHead>},
       {"tfrecord", TfRecord, None},
       {"tokens", Tokens, None},

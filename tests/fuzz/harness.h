@@ -43,6 +43,7 @@ std::string ReadBytes(const std::filesystem::path& file);
 // Parses proto3 or proto2 bytes; false if they are not such a message.
 bool ParseMessage(std::string_view bytes, google::protobuf::Message* message);
 
+void Argoverse(std::string_view bytes);
 void Configuration(std::string_view bytes);
 void CommonRoad(std::string_view bytes);
 void DatasetJson(std::string_view bytes);
@@ -50,11 +51,13 @@ void Labels(std::string_view bytes);
 void LanePaths(std::string_view bytes);
 void ModelJson(std::string_view bytes);
 void Names(std::string_view bytes);
+void NuScenes(std::string_view bytes);
 void Outline(std::string_view bytes);
 void Safetensors(std::string_view bytes);
 void Scenario(std::string_view bytes);
 void Settings(std::string_view bytes);
 void ShardIndex(std::string_view bytes);
+void Stream(std::string_view bytes);
 void Tags(std::string_view bytes);
 void TfRecord(std::string_view bytes);
 void Tokens(std::string_view bytes);

@@ -5,6 +5,7 @@
 """
 
 import importlib
+import json
 import pathlib
 import struct
 import subprocess
@@ -19,11 +20,12 @@ def generated(protos):
     """Imports the messages of the protos, compiled into a folder that is gone afterwards."""
     with tempfile.TemporaryDirectory() as folder:
         for path, files in protos.items():
-            subprocess.run(["protoc", f"--proto_path={path}", f"--python_out={folder}", *files], check=True, cwd=path)
+            subprocess.run(["protoc", f"--proto_path={path}", f"--proto_path={SOURCE / 'proto'}",
+                            f"--python_out={folder}", *files], check=True, cwd=path)
         sys.path.insert(0, folder)
         names = ["maneuver.v1.prediction_service_pb2", "maneuver.v1.scenario_pb2",
                  "maneuver.v1.training_settings_pb2", "waymo_scenario_pb2", "shard_index_pb2",
-                 "tag_files_pb2"]
+                 "tag_files_pb2", "stream_script_pb2"]
         return [importlib.import_module(name) for name in names]
 
 
@@ -107,11 +109,120 @@ def write_waymo(pb):
     write("waymo", "two-tracks", scene.SerializeToString())
 
 
+def sections(files):
+    """Several files as one input: each behind a line with its name."""
+    return "".join(f"@{name}\n{content}" + ("" if content.endswith("\n") else "\n")
+                   for name, content in files.items()).encode()
+
+
+def write_nuscenes():
+    """A car and a bicycle beside the recording car, on two lanes with a divider, a crossing and a stop line."""
+    upright = [1, 0, 0, 0]
+    samples = range(4)
+    tables = {
+        "log": [{"token": "l", "logfile": "n001", "location": "toy-town"}],
+        "scene": [{"token": "s", "name": "scene-1", "log_token": "l", "nbr_samples": len(samples)}],
+        "sample": [{"token": f"s{i}", "scene_token": "s", "timestamp": 500_000 * i} for i in samples],
+        "category": [{"token": "c", "name": "vehicle.car"}, {"token": "b", "name": "vehicle.bicycle"}],
+        "attribute": [{"token": "r", "name": "cycle.without_rider"}],
+        "instance": [{"token": f"i{name}", "category_token": name, "nbr_annotations": len(samples)} for name in "cb"],
+        "sensor": [{"token": "lidar", "channel": "LIDAR_TOP"}],
+        "calibrated_sensor": [{"token": "k", "sensor_token": "lidar"}],
+        "sample_data": [{"sample_token": f"s{i}", "calibrated_sensor_token": "k", "ego_pose_token": f"p{i}"}
+                        for i in samples],
+        "sample_annotation": [
+            {"sample_token": f"s{i}", "instance_token": f"i{name}", "translation": [10 + speed * i, y, 1],
+             "size": [2, 4, 1], "rotation": upright, "attribute_tokens": ["r"] if name == "b" else []}
+            for name, speed, y in (("c", 5, 3.5), ("b", 0, -2)) for i in samples],
+        "ego_pose": [{"token": f"p{i}", "timestamp": 500_000 * i, "rotation": upright, "translation": [4 * i, 0, 0]}
+                     for i in samples],
+    }
+    places = {"d1": (0, 2), "d2": (50, 2), "a1": (0, -2), "a2": (50, -2), "a3": (50, 6)}
+    segments = [{"node_token": name, "segment_type": "SINGLE_SOLID_WHITE"} for name in ("d1", "d2")]
+
+    def path(x, y, length):
+        return {"start_pose": [x, y, 0], "end_pose": [x + length, y, 0], "shape": "LSR", "radius": 9,
+                "segment_length": [0, length, 0]}
+
+    city = {
+        "node": [{"token": name, "x": x, "y": y} for name, (x, y) in places.items()],
+        "line": [{"token": "line", "node_tokens": ["d1", "d2"]}],
+        "polygon": [{"token": "area", "exterior_node_tokens": ["a1", "a2", "a3"], "holes": []}],
+        "lane": [{"token": "one", "lane_type": "CAR", "left_lane_divider_segments": segments,
+                  "right_lane_divider_segments": []},
+                 {"token": "two", "lane_type": "BIKE", "left_lane_divider_segments": [],
+                  "right_lane_divider_segments": segments}],
+        "lane_connector": [{"token": "on"}],
+        "lane_divider": [{"token": "d", "line_token": "line", "lane_divider_segments": segments}],
+        "ped_crossing": [{"token": "z", "polygon_token": "area"}],
+        "stop_line": [{"token": "t", "polygon_token": "area"}],
+        "drivable_area": [{"token": "w", "polygon_tokens": ["area"]}],
+        "connectivity": {"one": {"incoming": [], "outgoing": ["on"]}, "on": {"incoming": ["one"], "outgoing": []}},
+        "arcline_path_3": {"one": [path(0, 0, 50)], "two": [path(0, 4, 50)], "on": [path(50, 0, 9)]},
+    }
+    texts = {name: json.dumps(rows, separators=(",", ":")) for name, rows in {**tables, "map": city}.items()}
+    write("nuscenes", "two-tracks", sections(texts))
+    # Curvatures that are infinite.
+    write("nuscenes", "no-place", sections({**texts, "map": texts["map"].replace('"radius":9', '"radius":1e-310')}))
+    write("nuscenes", "no-map", sections({name: text for name, text in texts.items() if name != "map"}))
+
+
+def write_argoverse():
+    rows = ["TIMESTAMP,TRACK_ID,OBJECT_TYPE,X,Y,CITY_NAME"]
+    for step in range(12):
+        time = 315_970_000 + 0.1 * step
+        rows += [f"{time:.1f},av,AV,{step},0,PIT", f"{time:.1f},agent,AGENT,{10 + 0.8 * step:.1f},3.5,PIT"]
+        if step % 4 == 0:
+            rows.append(f"{time:.1f},parked,OTHERS,30,7,PIT")
+    nodes = "".join(f'<node id="{i}" x="{x}" y="{y}"/>\n'
+                    for i, (x, y) in enumerate([(0, 0), (50, 0), (100, 0), (0, 3.5), (50, 3.5)]))
+
+    def way(lane, refs, **tags):
+        inside = "".join(f'<tag k="{key}" v="{value}"/>' for key, value in tags.items())
+        return f'<way lane_id="{lane}">{inside}' + "".join(f'<nd ref="{ref}"/>' for ref in refs) + "</way>\n"
+
+    city = f"<ArgoverseVectorMap>\n{nodes}" + way(1, (0, 1), l_neighbor_id=3, successor=2) + \
+        way(2, (1, 2), predecessor=1) + way(3, (3, 4), r_neighbor_id=1, l_neighbor_id="None") + "</ArgoverseVectorMap>\n"
+    write("argoverse", "with-map", sections({"map": city, "sequence": "\n".join(rows)}))
+    write("argoverse", "short", sections({"sequence": "\n".join(rows[:6])}))
+
+
+def write_stream(pb, scene):
+    scene.agents[0].type = 1  # a vehicle, which the model answers about
+
+    def add(script, name, **timeout):
+        request = script.steps.add().request
+        request.request_id = name
+        request.request.scenarios.add().CopyFrom(scene)
+        for field, value in timeout.items():
+            setattr(request.timeout, field, value)
+        return request
+
+    answered = pb.StreamScript()
+    add(answered, "a").request.query.top_k = 2
+    answered.steps.add(event=pb.STREAM_EVENT_TAKES)
+    add(answered, "b", nanos=1).request.model = "models/town"
+    answered.steps.add(raw=b"\x0a\x01b\x12\x03\xff\xff\xff")
+    answered.steps.add(event=pb.STREAM_EVENT_ENDS)
+    write("stream", "answered", answered.SerializeToString())
+    held = pb.StreamScript()
+    held.steps.add(event=pb.STREAM_EVENT_HOLDS)
+    add(held, "a")
+    add(held, "a").request.model = "models/none"
+    add(held, "c", seconds=5).request.query.joint_combinations = 2
+    for event in (pb.STREAM_EVENT_DRAINS, pb.STREAM_EVENT_RELEASES, pb.STREAM_EVENT_TAKES):
+        held.steps.add(event=event)
+    write("stream", "drained", held.SerializeToString())
+    held.steps[4].event = pb.STREAM_EVENT_CANCELS
+    write("stream", "cancelled", held.SerializeToString())
+
+
 def main():
-    predictions, scenarios, settings, waymo, index, tags = generated({
+    predictions, scenarios, settings, waymo, index, tags, script = generated({
         SOURCE / "proto": sorted(str(p.relative_to(SOURCE / "proto")) for p in (SOURCE / "proto").rglob("*.proto")),
         SOURCE / "model" / "data": ["waymo_scenario.proto", "shard_index.proto"],
-        SOURCE / "model" / "tags": ["tag_files.proto"]})
+        SOURCE / "model" / "tags": ["tag_files.proto"],
+        HERE: ["stream_script.proto"]})
     for name, scene in scenes(scenarios).items():
         for harness in ("scenario", "lane_paths"):
             write(harness, name, scene.SerializeToString())
@@ -140,6 +251,9 @@ def main():
     write("tfrecord", "packed", gzip.compress(record(b"abc") + record(b"defg" * 30), mtime=0))
     write("shard_index", "foreign", index.ShardIndex(format_version=1, shard_sha256="0" * 64).SerializeToString())
     write_waymo(waymo)
+    write_nuscenes()
+    write_argoverse()
+    write_stream(script, scenes(scenarios)["walk"])
     head = tags.TagHead(rows=5, windows=5, csv_bytes=100, scenes=["a", "b", "c", "d"], action_rows=[2, 2, 1])
     for size in (4, 8, 4, 8, 8, 4, 4, 4, 4, 4, 8, 4, 4, 4, 4, 8, 8, 4, 4, 4, 4, 4):
         head.columns.add(bytes=size, least=0, most=1)

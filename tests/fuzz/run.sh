@@ -44,7 +44,7 @@ fi
 
 fuzz() {
   local harness=$1 seconds=$2 log=build/fuzz/$1.log length=4096
-  [ "$harness" != scenario ] || length=16384
+  case "$harness" in nuscenes | scenario | stream) length=16384 ;; esac
   mkdir -p "build/fuzz/corpus/$harness"
   if build/asan/tests/fuzzer "--harness=$harness" -max_total_time="$seconds" -max_len="$length" -timeout=20 \
       -rss_limit_mb=3000 -print_final_stats=1 "-artifact_prefix=build/fuzz/found/$harness-" \

@@ -189,7 +189,8 @@ class MapReader {
       if (!row.ok()) return;
       path.curvatures = *curvatures;
       const scene::Pose2 reached = path.PoseAt(path.length());
-      if (std::hypot(reached.x() - end[0], reached.y() - end[1]) > kEndTolerance) {
+      // Also if a radius near 0 leads nowhere: then neither is a number.
+      if (!(std::hypot(reached.x() - end[0], reached.y() - end[1]) <= kEndTolerance)) {
         part.Fail("end_pose", "is not where the segments end");
         return;
       }

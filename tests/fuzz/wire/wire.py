@@ -3,9 +3,10 @@
 
 Messages grow by the contract itself: fields are set, cleared, repeated, and given the values that code forgets. A
 part of the messages has bytes changed as well. Prints how many calls had which status. The exit status is 1 if the
-server died, answered UNKNOWN or an INTERNAL that names no reason, gave an error of its own without a reason, took
-longer than --longest for one call, grew by more than --memory, answered a known request differently afterwards, or did
-not end when it was told to.
+server died, answered UNKNOWN, INTERNAL or UNIMPLEMENTED, gave an error of its own without a reason, answered a number
+that is not finite, took longer than --longest for one call, grew by more than --memory, answered a known request
+differently afterwards, or did not end when it was told to. Some calls are of a method that no server has, and are
+UNIMPLEMENTED; no others are.
 
     tests/fuzz/wire/wire.py --maneuverd build/release/bin/maneuverd --small-model build/release/tests/write_small_model
 
@@ -28,6 +29,7 @@ import time
 import grpc
 from google.protobuf import descriptor_pool, json_format, message_factory
 from google.protobuf.descriptor import FieldDescriptor as Field
+from google.protobuf.message import DecodeError
 
 REPOSITORY = pathlib.Path(__file__).resolve().parent.parent.parent.parent
 sys.path += [str(REPOSITORY / "tests" / "balancing"), str(REPOSITORY / "tests" / "clients")]
@@ -44,6 +46,7 @@ LIMITS = {Field.CPPTYPE_INT32: (-2**31, 2**31 - 1), Field.CPPTYPE_INT64: (-2**63
 # Says what gRPC itself says, without our reasons.
 OF_GRPC = ("received initial metadata", "Received message larger", "Sent message larger")
 DEPTH = 6
+NO_METHOD = "/maneuver.v1.PredictionService/Guess"
 SERVICES = ("model_service", "dataset_service", "outcome_service", "training_service", "tag_service", "replica_service",
             "admin_service")  # beside the predictions
 
@@ -117,6 +120,22 @@ def damage(rng, data):
     return bytes(data[:rng.randrange(len(data) + 1)] if rng.random() < 0.2 else data)
 
 
+def not_finite(message, path=""):
+    """Returns the path of the first number in a message that is not finite; None if there is none."""
+    for field, value in message.ListFields():
+        place = f"{path}.{field.name}" if path else field.name
+        entries = value.items() if is_map(field) else \
+            enumerate(value) if field.label == Field.LABEL_REPEATED else [(None, value)]
+        for key, each in entries:
+            if hasattr(each, "ListFields"):
+                found = not_finite(each, place if key is None else f"{place}[{key}]")
+                if found:
+                    return found
+            elif isinstance(each, float) and not math.isfinite(each):
+                return f"{place} = {each}" if key is None else f"{place}[{key}] = {each}"
+    return None
+
+
 class Contract:
     """The methods of all services, and a first request of each."""
 
@@ -129,12 +148,16 @@ class Contract:
         self.scene = json_format.Parse((REPOSITORY / "tests" / "clients" / "request.json").read_text(),
                                        self.prediction.PredictRequest())
         self.methods = []
+        self.answers = {}  # what each method answers
         for name in ("prediction_service", *SERVICES):
             for service in pool.FindFileByName(f"maneuver/v1/{name}.proto").services_by_name.values():
                 for method in service.methods:
                     seed = make(method.input_type)()
                     self._fill(seed)
                     self.methods.append((f"/{service.full_name}/{method.name}", seed))
+                    self.answers[self.methods[-1][0]] = make(method.output_type)
+        self.methods.append((NO_METHOD, self.prediction.PredictRequest()))
+        self.answers[NO_METHOD] = self.prediction.PredictResponse
 
     def _fill(self, seed):
         """What leads past the first checks: a scene, a model, a name."""
@@ -208,17 +231,20 @@ def main():
                         data = request.SerializePartialToString()
                         requests.append(damage(rng, data) if rng.random() < 0.15 else data)
                     call = channel.stream_stream(method)
-                    begun = time.monotonic()
+                    begun, name, about = time.monotonic(), "OK", f"call {number}, {method}"
                     try:
-                        for _ in call(iter(requests), timeout=options.longest + 5):
+                        for data in call(iter(requests), timeout=options.longest + 5):
+                            number_at = not_finite(contract.answers[method].FromString(data))
+                            if number_at:
+                                broken.append(f"{about}: {number_at}")
                             if time.monotonic() - begun > 1:  # a watch of a job that never ends
                                 break
-                        counts["OK"] += 1
+                    except DecodeError as error:
+                        broken.append(f"{about}: an answer cannot be parsed: {error}")
                     except grpc.RpcError as error:
                         name = error.code().name
-                        counts[name] += 1
                         said = error.details() or ""
-                        about = f"call {number}, {method}: {name} {said[:200]}"
+                        about += f": {name} {said[:200]}"
                         if name == "UNKNOWN" or replica.process.poll() is not None:
                             broken.append(about)
                         elif not contract.reason(error) and name != "UNIMPLEMENTED" and \
@@ -226,6 +252,9 @@ def main():
                             broken.append(f"{about}: no reason")
                         elif name == "INTERNAL":
                             broken.append(about)
+                    counts[name] += 1
+                    if (name == "UNIMPLEMENTED") != (method == NO_METHOD):
+                        broken.append(f"{about}: UNIMPLEMENTED is for a method that no server has, and for no other")
                     took = time.monotonic() - begun
                     if took > options.longest:
                         broken.append(f"call {number}, {method}: took {took:.1f} s")

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
+#include <cstdint>
 #include <cstring>
 #include <fstream>
 #include <string>
@@ -44,6 +45,32 @@ std::string Unpacked(const fs::path& file) {
   EXPECT_TRUE(count.ok()) << count.status();
   text.resize(count.value_or(0));
   return text;
+}
+
+constexpr size_t kPreamble = 16;  // magic, bytes of the head, CRC-32C
+
+uint32_t HeadBytes(const std::string& bytes) {
+  uint32_t count = 0;
+  std::memcpy(&count, bytes.data() + 8, sizeof count);
+  return count;
+}
+
+TagHead HeadOf(const std::string& bytes) {
+  TagHead head;
+  EXPECT_TRUE(head.ParseFromString(bytes.substr(kPreamble, HeadBytes(bytes))));
+  return head;
+}
+
+// Returns a file with another head, and its checksum.
+std::string WithHead(const std::string& bytes, const TagHead& head) {
+  const auto aligned = [](size_t count) { return (count + 7) / 8 * 8; };
+  const std::string text = head.SerializeAsString();
+  const uint32_t words[] = {static_cast<uint32_t>(text.size()), kernels::Crc32c(text)};
+  std::string changed = bytes.substr(0, 8);
+  changed.append(reinterpret_cast<const char*>(words), sizeof words);
+  changed += text;
+  changed.resize(aligned(changed.size()), '\0');
+  return changed + bytes.substr(aligned(kPreamble + HeadBytes(bytes)));
 }
 
 class ShardTagsTest : public ::testing::Test {
@@ -136,6 +163,15 @@ TEST_F(ShardTagsTest, AChangedByteAnywhereIsFound) {
   }
 }
 
+TEST_F(ShardTagsTest, ANumberOfRowsThatCannotBeIsFoundThoughTheChecksumIsRight) {
+  const std::string good = Bytes();
+  for (const int64_t rows : {int64_t{-1}, int64_t{3}, INT64_MAX}) {
+    TagHead head = HeadOf(good);
+    head.set_action_rows(0, rows);
+    EXPECT_TRUE(absl::IsDataLoss(StatusWith(WithHead(good, head)))) << rows;
+  }
+}
+
 TEST_F(ShardTagsTest, ACutFileIsFound) {
   const std::string good = Bytes();
   for (size_t bytes = 0; bytes < good.size(); ++bytes) {
@@ -208,24 +244,12 @@ TEST_F(ShardTagsTest, AWriterWithoutACommitLeavesNothing) {
 
 // Returns a file without its last four columns, whose head says so.
 std::string OfFormat1(const std::string& bytes, const std::string& schema_sha256) {
-  constexpr size_t kPreamble = 16;
-  uint32_t head_bytes = 0;
-  std::memcpy(&head_bytes, bytes.data() + 8, sizeof head_bytes);
-  TagHead head;
-  EXPECT_TRUE(head.ParseFromString(bytes.substr(kPreamble, head_bytes)));
+  TagHead head = HeadOf(bytes);
   head.set_schema_sha256(schema_sha256);
   head.mutable_columns()->DeleteSubrange(18, 4);
-  const std::string text = head.SerializeAsString();
-  const auto text_bytes = static_cast<uint32_t>(text.size());
-  const uint32_t crc = kernels::Crc32c(text);
-  std::string old = bytes.substr(0, 8);
-  old.append(reinterpret_cast<const char*>(&text_bytes), sizeof text_bytes);
-  old.append(reinterpret_cast<const char*>(&crc), sizeof crc);
-  old += text;
-  old.resize((old.size() + 7) / 8 * 8, '\0');
-  const size_t columns = (kPreamble + head_bytes + 7) / 8 * 8;
+  const std::string all = WithHead(bytes, head);
   // Each of the four has two rows of four bytes.
-  return old + bytes.substr(columns, bytes.size() - columns - 32);
+  return all.substr(0, all.size() - 32);
 }
 
 TEST_F(ShardTagsTest, AFileOfTheFormatBeforeIsReadWithZerosForWhatItLacks) {

@@ -930,6 +930,24 @@ TEST_F(ServerTest, HeadersOverTheLimitEndTheConnectionWithAClearStatus) {
   EXPECT_THAT(status.error_message(), ::testing::HasSubstr("metadata size exceeds"));
 }
 
+// Clients of later releases look for this code, and do without the method.
+TEST_F(ServerTest, SaysThatItHasNoSuchMethod) {
+  for (const char* method : {"/maneuver.v1.PredictionService/Guess", "/other.Service/Predict"}) {
+    grpc::ByteBuffer answer;
+    const grpc::Status status =
+        CallWithBytes(channel_, method, OneScene().SerializeAsString(), &answer);
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::UNIMPLEMENTED) << status.error_message();
+    EXPECT_EQ(status.error_message(), "this server has no such method");
+  }
+  Health("");
+  server_->Shutdown(std::chrono::system_clock::now() + std::chrono::seconds(10));
+  const std::string page = metrics_->Page();
+  EXPECT_THAT(page,
+              HasSubstr("maneuver_requests_total{code=\"UNIMPLEMENTED\",method=\"unknown\"} 2"));
+  EXPECT_THAT(page, HasSubstr("maneuver_requests_total{code=\"OK\",method=\"Health/Check\"} 1"));
+  EXPECT_THAT(page, ::testing::Not(HasSubstr("Guess"))) << "any name would take memory for ever";
+}
+
 TEST_F(ServerTest, RefusesBytesThatAreNotAMessage) {
   Publish();
   const std::string no_utf8("\x0a\x02\xff\xfe", 4);  // in PredictRequest.model

@@ -56,10 +56,31 @@ class SqliteStoreTest : public testing::Test {
     store_ = *std::move(store);
   }
 
+  // Changes the file while it is closed, and says how opening it then ends.
+  absl::Status OpenAfter(const std::string& statement) {
+    store_.reset();
+    EXPECT_TRUE(SqliteMaker(file_).Run(statement).ok());
+    return SqliteStore::Open(file_).status();
+  }
+
   const TemporaryFolder folder_;
   const std::filesystem::path file_ = folder_ / "maneuver.db";
   std::unique_ptr<SqliteStore> store_;
 };
+
+// One flipped bit makes a 1 a 0.
+TEST_F(SqliteStoreTest, RefusesAFileWithAnEventThatNobodyWouldMiss) {
+  ASSERT_TRUE(store_->Add(PendingJob("a"), "", "").ok());
+  const auto claimed = store_->Claim([](v1::Job&) {});
+  ASSERT_TRUE(claimed.ok() && *claimed);
+  ASSERT_TRUE(store_->AddProgress((*claimed)->lease, Event(1)).ok());
+  const absl::Status first = OpenAfter("UPDATE progress SET sequence = 0");
+  EXPECT_TRUE(absl::IsDataLoss(first)) << first;
+  EXPECT_TRUE(OpenAfter("UPDATE progress SET sequence = 1").ok());
+  const absl::Status strange = OpenAfter("UPDATE progress SET job_number = 0");
+  EXPECT_TRUE(absl::IsDataLoss(strange)) << strange;
+  EXPECT_THAT(std::string(strange.message()), HasSubstr("event 1 of job number 0"));
+}
 
 TEST_F(SqliteStoreTest, AFileOfTheFirstSchemaIsBroughtUpToThisOne) {
   store_.reset();

@@ -175,6 +175,26 @@ TEST_F(StoreRepairTest, KeepsOnlyWhatCanBeReadWithoutABackUp) {
   EXPECT_THAT(Jobs(), ElementsAre("jobs/new", "jobs/old"));
 }
 
+TEST_F(StoreRepairTest, DropsEventsThatCannotBe) {
+  ChangeSinceThen();
+  {
+    const auto store = Open();
+    const auto claimed = store->Claim([](v1::Job&) {});
+    ASSERT_TRUE(claimed.ok() && *claimed);
+    v1::JobProgress event;
+    for (int i = 1; i <= 3; ++i) {
+      event.set_sequence(i);
+      ASSERT_TRUE(store->AddProgress((*claimed)->lease, event).ok());
+    }
+  }
+  Execute("UPDATE progress SET sequence = 0 WHERE sequence = 1");
+  Execute("UPDATE progress SET job_number = 0 WHERE sequence = 2");
+  const auto repair = RepairStore(data_dir_, "");
+  ASSERT_TRUE(repair.ok()) << repair.status();
+  EXPECT_THAT(repair->damage, HasSubstr("event 2 of job number 0"));
+  EXPECT_EQ(repair->contents.ToString(), "3 jobs (2 pending, 1 running), 1 event, 1 alias");
+}
+
 TEST_F(StoreRepairTest, DropsAliasesOfVersionsThatAreGone) {
   BackUp();
   fs::remove_all(data_dir_ / "models" / "town" / "1");

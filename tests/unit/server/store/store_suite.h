@@ -355,6 +355,14 @@ TEST_P(StoreTest, ProgressIsReadFromACursorOn) {
   EXPECT_THAT(*store_->ListProgress("jobs/b", 0, 10), testing::IsEmpty());
 }
 
+TEST_P(StoreTest, NamesAnEventThatIsInAnotherPlaceThanItsOwn) {
+  ASSERT_TRUE(store_->Add(PendingJob("a"), "", "").ok());
+  const jobs::JobLease lease = Claim().lease;
+  for (int i = 1; i <= 2; ++i) ASSERT_TRUE(store_->AddProgress(lease, Event(i)).ok());
+  ASSERT_TRUE(maker_->Run("UPDATE progress SET sequence = 34 WHERE sequence = 2").ok());
+  EXPECT_TRUE(absl::IsDataLoss(store_->ListProgress("jobs/a", 0, 10).status()));
+}
+
 TEST_P(StoreTest, AJobThatHasEndedHasNoTimeLeft) {
   v1::JobProgress event = Event(1);
   event.set_fraction(0.7);

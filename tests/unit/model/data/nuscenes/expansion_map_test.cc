@@ -154,6 +154,9 @@ TEST_F(ExpansionMapTest, NamesTheRowThatIsDamagedAndReadsTheOthers) {
               ElementsAre(AllOf(HasSubstr("toy-town.json: arcline_path_3." + Token("up") + "[0]"),
                                 HasSubstr("radius must be positive"))));
   map = whole;
+  map["arcline_path_3"][Token("up")][0]["radius"] = 1e-310;  // its curvature is infinite
+  EXPECT_THAT(damages(map), ElementsAre(HasSubstr("end_pose: is not where the segments end")));
+  map = whole;
   map["arcline_path_3"][Token("up")][0]["end_pose"][0] = 111.0;
   EXPECT_THAT(damages(map)[0], HasSubstr("end_pose: is not where the segments end"));
   map = whole;
