@@ -69,23 +69,38 @@ done
 python3 - "$results" $rows <<'PYTHON'
 import json, sys
 results, rows = sys.argv[1], sys.argv[2:]
-accuracy = ['ade_ratio', 'ade_medoid_ratio', 'min_ade_6', 'min_fde_6', 'miss_rate_6', 'nll', 'calibration_error', 'coverage_2sigma', 'mean_sigma_ratio']
-meaning = ['effective_actions', 'action_perplexity', 'mutual_information', 'nmi_kinematic', 'nmi_relative', 'class_information_kinematic',
-           'class_information_relative', 'named_share_relative', 'named_share_motion']
 reports = {row: json.load(open(f'{results}/{row}.json')) for row in rows}
 
-def table(number, metrics, where, low, high):
-    print('\n| row | ' + ' | '.join(metrics) + ' |\n|---' + '|---' * len(metrics) + '|')
-    for row, report in reports.items():
-        found = where(report['sets'][number])
-        cells = [found.get(metric) for metric in metrics]
-        cells = [f"{c['value']:.3f} ({c[low]:.3f} to {c[high]:.3f})" if c else '' for c in cells]
-        print(f'| {row} | ' + ' | '.join(cells) + ' |')
+def number(value):
+    return f'{value:.3f}'.replace('0.', '.', 1) if abs(value) < 1 else f'{value:.2f}'
 
-for number, held in enumerate(next(iter(reports.values()))['sets']):
-    print(f"\n{held.get('name') or 'Held-out folds'}: {held['recordings']} recordings in {held['groups']} groups.")
-    print('Means with 95 % intervals over the groups:')
-    table(number, accuracy, lambda s: s['overall']['metrics'], 'lower', 'upper')
+def percent(value):
+    return f'{100 * value:.1f} %'
+
+ACCURACY = [('ADE₁ / CV', 'ade_ratio', number), ('medoid / CV', 'ade_medoid_ratio', number), ('minADE₆, m', 'min_ade_6', number),
+            ('minFDE₆, m', 'min_fde_6', number), ('missed at 2 m', 'miss_rate_6', percent), ('−ln p', 'nll', number),
+            ('ECE', 'calibration_error', number), ('within 2 σ', 'coverage_2sigma', percent), ('narrowing', 'mean_sigma_ratio', number)]
+MEANING = [('effective', 'effective_actions', number), ('exp H', 'action_perplexity', number), ('I(y;s)', 'mutual_information', number),
+           ('NMI kinematic', 'nmi_kinematic', number), ('NMI relative', 'nmi_relative', number),
+           ('class information, kinematic', 'class_information_kinematic', number),
+           ('the same, relative', 'class_information_relative', number), ('in actions of purity .7', 'named_share_relative', percent),
+           ('the same, by change of motion', 'named_share_motion', percent)]
+
+def table(columns, found, low, high):
+    """found: the metrics of a row, each with a value and two limits; those of the first column are printed."""
+    print('\n| | ' + ' | '.join(name for name, _, _ in columns) + ' |\n|---' + '|---' * len(columns) + '|')
+    for row in rows:
+        cells = []
+        for i, (_, metric, text) in enumerate(columns):
+            cell = found(row).get(metric)
+            limits = f' ({text(cell[low])} to {text(cell[high])})' if cell and low in cell and (i == 0 or high == 'largest') else ''
+            cells.append(text(cell['value']) + limits if cell else '')
+        print(f'| `{row}` | ' + ' | '.join(cells) + ' |')
+
+for k, held in enumerate(reports[rows[0]]['sets']):
+    print(f"\n## {held.get('name') or 'Held-out folds'}\n\n{held['recordings']} recordings in {held['groups']} groups. "
+          'Brackets are 95 % intervals over the groups.')
+    table(ACCURACY, lambda row: reports[row]['sets'][k]['overall']['metrics'], 'lower', 'upper')
     print('\nWhat the actions mean, with the smallest and the largest of the models:')
-    table(number, meaning, lambda s: s['set_metrics'], 'smallest', 'largest')
+    table(MEANING, lambda row: reports[row]['sets'][k]['set_metrics'], 'smallest', 'largest')
 PYTHON
