@@ -169,7 +169,8 @@ class Call final : public grpc::ServerCallbackReaderWriter<grpc::ByteBuffer, grp
       Expect(ended_ || cancelled_, "a stream ends when its caller sends no more");
       Expect(cancelled_ || AllAnswered(), "each message is answered");
     } else if (code == grpc::StatusCode::UNAVAILABLE) {
-      Expect(drained_ && AllAnswered(), "a server that stops answers what it has received");
+      Expect(drained_ && AllAnswered(),
+             "a stopping server answers every message that it has received");
     } else {
       Expect(code == grpc::StatusCode::CANCELLED && cancelled_, status_->error_message());
     }
@@ -293,7 +294,7 @@ class Call final : public grpc::ServerCallbackReaderWriter<grpc::ByteBuffer, grp
   // The messages of one id.
   struct Asked {
     int unanswered = 0;
-    std::multiset<int> scenarios;  // of those that can be parsed
+    std::multiset<int> scenarios;  // in each message that parses
   };
 
   rpc::OpenStreams streams_;
