@@ -50,8 +50,7 @@ run_fold() { # option... row fold
     --settings "$results/$row.settings.json" --folds "$folds" --seeds "$seeds" --only-fold "$fold" \
     --part "$results/$row.$fold.part" --threads 1 --progress none >"$results/$row.$fold.log" 2>&1 &&
     return
-  echo "ladder: fold $fold of $row failed; see $results/$row.$fold.log" >&2
-  return 255  # xargs starts no more
+  echo "ladder: fold $fold of $row failed, so its row is left out: $(tail -n 1 "$results/$row.$fold.log")" >&2
 }
 export bin results seeds folds
 export -f run_fold
@@ -62,11 +61,16 @@ for row in $rows; do
     [ -s "$results/$row.$fold.part" ] || echo "$row $fold"
   done
 done | xargs -r -P "$(nproc)" -L 1 bash -c 'run_fold "$@"' run --dataset "$@" ${other:+--test-dataset "other=$other"}
+whole=()
 for row in $rows; do
-  [ -s "$results/$row.json" ] || "$bin/maneuver-trainer" cross-validate --merge "$results/$row".*.part \
+  parts=("$results/$row".*.part)
+  [ ${#parts[@]} -eq "$folds" ] || continue
+  [ -s "$results/$row.json" ] || "$bin/maneuver-trainer" cross-validate --merge "${parts[@]}" \
     --output "$results/$row.json" >"$results/$row.txt"
+  whole+=("$row")
 done
-python3 - "$results" $rows <<'PYTHON'
+[ ${#whole[@]} -gt 0 ] || exit 1
+python3 - "$results" "${whole[@]}" <<'PYTHON'
 import json, sys
 results, rows = sys.argv[1], sys.argv[2:]
 reports = {row: json.load(open(f'{results}/{row}.json')) for row in rows}
@@ -104,3 +108,4 @@ for k, held in enumerate(reports[rows[0]]['sets']):
     print('\nWhat the actions mean, with the smallest and the largest of the models:')
     table(MEANING, lambda row: reports[row]['sets'][k]['set_metrics'], 'smallest', 'largest')
 PYTHON
+[ ${#whole[@]} -eq "$(wc -w <<<"$rows")" ]  # the status says whether all rows are there

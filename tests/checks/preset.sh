@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
 # Builds unit tests by another preset than `release`, and runs them: each program as one process.
 #
-#   tests/checks/preset.sh asan|asan-gcc|tsan|portable [--short] [PROGRAM...]
+#   tests/checks/preset.sh asan|asan-gcc|tsan|portable [--short] [--part I/N] [PROGRAM...]
 #
 # PROGRAM is the name of a folder's tests: scene, jobs. Without one, those that the presets below name.
-# --short leaves out the trainings that take longest, as .ci/run does.
+# --short leaves out the trainings that take longest. --part runs one in N of the programs, or of the
+# shards of their tests: I = 0, 1, ... runs all of them in turn. .ci/run does both.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
@@ -25,7 +26,7 @@ case "$preset" in
   asan-gcc)
     programs=(learning mixed_training)
     seconds=3600
-    shards=2
+    shards=4
     long=(RankTrainingTest.LearnsTheSameWeightsToTheBit* WindowedTrainingTest.PredictsHeldOutArcs
       WindowedTrainingTest.ARunThatIsStoppedAnywhere* WindowedTrainingTest.RecordingsThatFit*
       CollapseTest.* BaselinesTest.ARunStoppedAtTheStart* BaselinesTest.BaselinesLearnTheArcs*
@@ -41,7 +42,17 @@ case "$preset" in
   *) echo "preset: asan, asan-gcc, tsan and portable are known" >&2; exit 2 ;;
 esac
 [ "${1:-}" != --short ] || shift
+part=0/1
+[ "${1:-}" != --part ] || { part=$2; shift 2; }
 [ $# -eq 0 ] || programs=("$@")
+runs=()  # PROGRAM SHARD
+i=0
+for program in "${programs[@]}"; do
+  for ((shard = 0; shard < shards; ++shard)); do
+    ((i++ % ${part#*/} != ${part%/*} % ${part#*/})) || runs+=("$program $shard")
+  done
+done
+mapfile -t programs < <(printf '%s\n' "${runs[@]% *}" | uniq)
 
 mkdir -p build/checks
 log=build/checks/$preset.log
@@ -65,9 +76,7 @@ run() {
 }
 export seconds filter GTEST_TOTAL_SHARDS=$shards
 export -f run
-for program in "${programs[@]}"; do
-  for ((shard = 0; shard < shards; ++shard)); do echo "$program $shard"; done
-done | xargs -P "$(nproc)" -L 1 bash -c 'run "$@"' run "$preset" || exit 1
+printf '%s\n' "${runs[@]}" | xargs -P "$(nproc)" -L 1 bash -c 'run "$@"' run "$preset" || exit 1
 echo "$preset: tests pass: ${programs[*]}"
 # The packages' programs, which are not built here, have the same flags.
 if [ "$preset" = portable ] && [[ " ${programs[*]} " = *" inference "* ]]; then

@@ -9,6 +9,7 @@ Needs haproxy, openssl, protoc, python3-grpcio and python3-protobuf, as Debian 1
 """
 
 import argparse
+import dataclasses
 import json
 import os
 import pathlib
@@ -45,6 +46,9 @@ REQUEST_S = 10
 SLACK_S = 3
 UNSAID = ("nothing", "half a preface", "a preface")  # phases that these times end
 HALF_SAID = ("half a frame", "half the headers", "settings")  # phases that HAProxy's time ends too
+# What ends all others: the server's --keepalive and a third of it, and HAProxy's "timeout client".
+KEEPALIVE_S = 80
+CLIENT_S = 300
 SHARE_OF_A_SOURCE = 200  # MANEUVER_SOURCE_CONNECTIONS
 CALLS_OF_A_SOURCE = 2000  # MANEUVER_SOURCE_CALLS, a second
 
@@ -129,12 +133,36 @@ def p99(sorted_times):
     return sorted_times[min(len(sorted_times) - 1, int(0.99 * len(sorted_times)))] if sorted_times else float("nan")
 
 
+@dataclasses.dataclass
+class Row:
+    """An attack, in all its turns: times of all of them together, the most of everything else."""
+
+    sent_bytes: int = 0
+    ends: set = dataclasses.field(default_factory=set)
+    before: list = dataclasses.field(default_factory=list)  # seconds of the other caller's answers
+    during: list = dataclasses.field(default_factory=list)
+    recovered: float = 0
+    grew: dict = dataclasses.field(default_factory=dict)  # MB of each program
+    failed: int = 0
+    calls: int = 0  # that HAProxy gave to replicas
+
+    def add(self, told, before, during, recovered, grew, failed, calls):
+        self.sent_bytes = max(self.sent_bytes, sum(t["sent_bytes"] for t in told))
+        self.ends.update(error for t in told for error in t["goaway"] or ["closed"] * bool(t["closed"]))
+        self.before = sorted(self.before + before)
+        self.during = sorted(self.during + during)
+        self.recovered = max(self.recovered, recovered)
+        self.grew = {program: max(self.grew.get(program, 0), most) for program, most in grew.items()}
+        self.failed += failed
+        self.calls = max(self.calls, calls)
+
+
 class Trial:
     def __init__(self, options, work):
         self.options = options
         self.work = work
         self.edge = options.through == "edge"
-        self.rows = []
+        self.rows = {}  # by the attack's name
         self.broken = []
         self.replica = self.balancer = self.loris = None
         self.starts = self.attacks = 0
@@ -201,7 +229,8 @@ class Trial:
             caller.end()
             calls = self.balancer.calls() - calls if self.edge else 0
         during = caller.between(attacked, ended)
-        self.rows.append((name, told, before, during, recovered, grew, len(caller.failures), calls))
+        row = self.rows.setdefault(name, Row())
+        row.add(told, before, during, recovered, grew, len(caller.failures), calls)
         self.judge(name, during, recovered, grew, caller)
         # Its rate falls off over a second; the other caller makes at most 50 calls a second.
         share = CALLS_OF_A_SOURCE * self.options.sources * (self.options.seconds + 1)
@@ -239,6 +268,9 @@ class Trial:
 
     def judge_loris(self, told):
         limits = dict.fromkeys(UNSAID + HALF_SAID, REQUEST_S) if self.edge else dict.fromkeys(UNSAID, HANDSHAKE_S)
+        last = CLIENT_S if self.edge else KEEPALIVE_S
+        if self.options.loris_seconds >= last + SLACK_S:
+            limits = dict.fromkeys(told["closed_after_s"], last) | limits
         for phase, seconds in limits.items():
             took = told["closed_after_s"][phase]
             if told["still_open"][phase] or took is None or took > seconds + SLACK_S:
@@ -249,11 +281,11 @@ class Trial:
     def run(self):
         self.start()
         if self.options.loris:
-            seconds = (REQUEST_S if self.edge else HANDSHAKE_S) + SLACK_S
+            seconds = self.options.loris_seconds or (REQUEST_S if self.edge else HANDSHAKE_S) + SLACK_S
             loris = self.begin("loris", seconds, self.options.loris)
             if not self.edge:  # where a flood may need another server
                 loris.wait()
-        for name in self.options.attacks:
+        for name in self.options.attacks * self.options.turns:
             self.flood(name)
         if self.options.loris:
             self.loris = json.loads(loris.communicate()[0])
@@ -264,13 +296,13 @@ class Trial:
 
     def print(self):
         print("| attack | sent MB | ends with | calls given to the server | server grew by MB | HAProxy grew by MB | p99 before, ms | p99 during, ms "
-              "| longest, ms | failed | recovered, s |\n|---|---:|---|---:|---:|---:|---:|---:|---:|---:|---:|")
-        for name, told, before, during, recovered, grew, failed, calls in self.rows:
-            sent = sum(t["sent_bytes"] for t in told) / 1e6
-            ends = ", ".join(sorted({error for t in told for error in t["goaway"]})) or ("closed" if told[0]["closed"] else "")
-            edge = f"{grew['edge']:.0f}" if self.edge else ""
-            print(f"| {name} | {sent:.1f} | {ends} | {calls if self.edge else ''} | {grew['server']:.0f} | {edge} | {1e3 * p99(before):.0f} "
-                  f"| {1e3 * p99(during):.0f} | {1e3 * max(during, default=0):.0f} | {failed} | {recovered:.1f} |")
+              "| ratio | longest, ms | failed | recovered, s |\n|---|---:|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|")
+        for name, row in self.rows.items():
+            calls, edge = (row.calls, f"{row.grew['edge']:.0f}") if self.edge else ("", "")
+            before, during = 1e3 * p99(row.before), 1e3 * p99(row.during)
+            print(f"| {name} | {row.sent_bytes / 1e6:.1f} | {', '.join(sorted(row.ends))} | {calls} | {row.grew['server']:.0f} | {edge} "
+                  f"| {before:.1f} | {during:.1f} | {during / before:.1f} | {1e3 * max(row.during, default=0):.0f} | {row.failed} "
+                  f"| {row.recovered:.1f} |")
         if self.loris:
             print("\n| silent after | closed after, s | still open |\n|---|---:|---:|")
             for phase, took in self.loris["closed_after_s"].items():
@@ -288,10 +320,13 @@ def main():
     parser.add_argument("--frames", type=int, default=20000, help="at most, of each attack and connection")
     parser.add_argument("--seconds", type=float, default=3, help="at most, of each attack")
     parser.add_argument("--before", type=float, default=1, help="seconds in which nobody attacks, for comparison")
+    parser.add_argument("--turns", type=int, default=1, help="of all attacks, one after the other")
     parser.add_argument("--connections", type=int, default=1, help="of each attacker")
     parser.add_argument("--pause", type=float, default=0, help="seconds between batches, to stay below limits of rates")
     parser.add_argument("--sources", type=int, default=1, help="attackers at once, each with an address of its own")
     parser.add_argument("--loris", type=int, default=220, help="connections of a slow loris; 0: none")
+    parser.add_argument("--loris-seconds", type=float, default=0,
+                        help="watch them so long; 310 sees each phase closed (default: what the first phases take)")
     parser.add_argument("--attacks", nargs="+", choices=list(attacks.FLOODS), default=list(attacks.FLOODS))
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as work:
