@@ -86,6 +86,9 @@ inline constexpr ReasonEntry kReasons[] = {
     {"REQUEST_TOO_LARGE", "RESOURCE_EXHAUSTED",
      "one request has more bytes than fit into the queue, or than one of its method may have",
      "split it; the message says into how much"},
+    {"REQUEST_TOO_SLOW", "DEADLINE_EXCEEDED",
+     "the request took longer to arrive than it may (--request-timeout)",
+     "send all of the request at once, or send less"},
     {"RESPONSE_TOO_LARGE", "RESOURCE_EXHAUSTED",
      "the answer is, or could be, larger than the limit of one answer (--max-response-bytes)",
      "omit sigma trajectories, ask for fewer actions, or split the request, as the message says; "

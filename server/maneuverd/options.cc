@@ -105,6 +105,7 @@ struct SecurityFlags {
   int64_t max_age_s = 3600;
   int64_t handshake_s = 10;
   int64_t keepalive_s = 60;
+  int64_t request_s = 300;
   bool insecure = false;
 };
 
@@ -153,6 +154,12 @@ void AddSecurityFlags(CLI::App& app, SecurityFlags* flags, ServerOptions* option
   app.add_option("--keepalive", flags->keepalive_s,
                  "Ping a connection after this many seconds of silence, and close it if it does "
                  "not answer within a third of that")
+      ->check(CLI::Range(1, 100'000))
+      ->capture_default_str();
+  app.add_option(
+         "--request-timeout", flags->request_s,
+         "Refuse a request that takes more seconds than this to arrive; streams may take any "
+         "time")
       ->check(CLI::Range(1, 100'000))
       ->capture_default_str();
   app.add_option("--max-receive-memory", options->limits.max_receive_bytes,
@@ -232,6 +239,7 @@ absl::Status TakeSecurityFlags(const SecurityFlags& flags, ServerOptions* option
   options->limits.max_age = std::chrono::seconds(flags.max_age_s);
   options->limits.handshake = std::chrono::seconds(flags.handshake_s);
   options->limits.keepalive = std::chrono::seconds(flags.keepalive_s);
+  options->limits.request = std::chrono::seconds(flags.request_s);
   if (options->limits.max_receive_bytes < 2 * int64_t{options->limits.max_message_bytes}) {
     return absl::FailedPreconditionError(
         "--max-receive-memory must be at least twice --max-message: raise the former or lower the "

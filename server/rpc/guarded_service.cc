@@ -93,7 +93,7 @@ class GuardedHandler final : public MethodHandler {
  public:
   GuardedHandler(MethodHandler& guarded, std::string_view method, RpcMethod::RpcType type,
                  const google::protobuf::Descriptor& request, security::AccessControl& access,
-                 const NamedService& service)
+                 const NamedService& service, MessageGate& gate)
       : guarded_(guarded),
         request_(request),
         method_(method),
@@ -102,7 +102,7 @@ class GuardedHandler final : public MethodHandler {
         worth_(service.worth),
         refusal_(service.refusal),
         room_(MakesRoom(method) ? nullptr : service.room),
-        gate_(MakesRoom(method) ? nullptr : service.gate),
+        gate_(MakesRoom(method) || service.gate == nullptr ? gate : *service.gate),
         small_(service.small) {}
 
   void RunHandler(const HandlerParameter& call) override {
@@ -114,13 +114,8 @@ class GuardedHandler final : public MethodHandler {
     } else if (!TakesOneRequest(type_)) {
       Run(call, nullptr);
     } else {
-      auto received = std::make_shared<ReceivedRequest>(*this, call);
-      if (gate_ == nullptr) {
-        received->Receive();
-      } else {
-        gate_->Enter(std::move(received), call.server_context->peer(),
-                     std::chrono::steady_clock::now());
-      }
+      gate_.Enter(std::make_shared<ReceivedRequest>(*this, call), call.server_context->peer(),
+                  std::chrono::steady_clock::now());
     }
   }
 
@@ -153,9 +148,8 @@ class GuardedHandler final : public MethodHandler {
    private:
     // No request: the caller sent none, or has gone. The parser then says so.
     void OnReceived(grpc_byte_buffer* request) {
-      MessageGate* const gate = handler_.gate_;
       SmallMessages* const small = handler_.small_;
-      const bool is_stopped = gate != nullptr && !gate->Leave(*this);
+      const bool is_stopped = !handler_.gate_.Leave(*this);
       const bool is_small = small == nullptr || small->Remove(number_);
       if (!is_stopped && is_small) {
         handler_.OnReceived(call_, request);
@@ -236,7 +230,7 @@ class GuardedHandler final : public MethodHandler {
   const decltype(NamedService::worth) worth_;
   const absl::Status refusal_;
   const decltype(NamedService::room) room_;
-  MessageGate* const gate_;
+  MessageGate& gate_;
   SmallMessages* const small_;
 };
 
@@ -253,7 +247,7 @@ std::string WithoutPort(const std::string& peer) { return peer.substr(0, peer.rf
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<GuardedService>> GuardedService::Create(
-    const NamedService& guarded, security::AccessControl& access) {
+    const NamedService& guarded, security::AccessControl& access, MessageGate& gate) {
   const auto* service =
       google::protobuf::DescriptorPool::generated_pool()->FindServiceByName(guarded.name);
   if (service == nullptr) {
@@ -276,7 +270,7 @@ absl::StatusOr<std::unique_ptr<GuardedService>> GuardedService::Create(
     const auto received_by = TakesOneRequest(type) ? RpcMethod::BIDI_STREAMING : type;
     guard->AddMethod(new RpcServiceMethod(name.c_str(), received_by, nullptr));
     guard->MarkMethodCallback(
-        i, new GuardedHandler(*handler, name, type, *method.input_type(), access, guarded));
+        i, new GuardedHandler(*handler, name, type, *method.input_type(), access, guarded, gate));
   }
   return guard;
 }

@@ -47,7 +47,7 @@ struct NamedService {
   // Empty: no call is refused.
   std::function<absl::StatusOr<std::shared_ptr<const void>>(int64_t request_bytes)> room = {};
   // Bounds how many large requests are received at once, but for calls that stop or remove something.
-  // It must outlive the server. Null: any number.
+  // It must outlive the server. Null: the server's own, which lets any number pass.
   MessageGate* gate = nullptr;
   // For methods that anybody may call: bounds what their requests bring. It must outlive the server.
   // Null: requests have any size up to gRPC's limit.
@@ -59,10 +59,12 @@ struct NamedService {
 // service's handlers and runs them only for admitted calls.
 class GuardedService final : public grpc::Service {
  public:
-  // Wraps a service. Both arguments must outlive the result. INTERNAL if the contract has no such
+  // Wraps a service. All arguments must outlive the result. INTERNAL if the contract has no such
   // service.
+  //   gate: for requests of services without one, and of calls that stop or remove something
   static absl::StatusOr<std::unique_ptr<GuardedService>> Create(const NamedService& guarded,
-                                                                security::AccessControl& access);
+                                                                security::AccessControl& access,
+                                                                MessageGate& gate);
 
   // Returns the full names of its methods, such as "/maneuver.v1.PredictionService/Predict".
   std::vector<std::string> MethodNames() const;

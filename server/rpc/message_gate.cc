@@ -5,6 +5,8 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
+#include "absl/time/time.h"
 #include "server/errors/error_details.h"
 
 namespace maneuver::rpc {
@@ -95,10 +97,39 @@ size_t MessageGate::CountLarge(Time now) {
   return FindLarge(now).size();
 }
 
+void MessageGate::Stop(Place& place, Time now, Calls& stopped, Calls& cancelled) {
+  if (!place.stopped) {
+    place.stopped = now;
+    stopped.push_back(place.call);
+  } else if (now - *place.stopped > kTurn && !std::exchange(place.is_cancelled, true)) {
+    cancelled.push_back(place.call);
+  }
+}
+
+void MessageGate::StopLate(Time now, std::chrono::milliseconds longest) {
+  Calls stopped;
+  Calls cancelled;
+  {
+    const MutexLock lock(mutex_);
+    for (Place& place : receiving_) {
+      if (now - place.since <= longest) break;
+      Stop(place, now, stopped, cancelled);
+    }
+  }
+  for (const auto& call : stopped) {
+    call->Stop(errors::WithReason(
+        absl::DeadlineExceededError(absl::StrCat(
+            "the request took more than ", absl::FormatDuration(absl::FromChrono(longest)),
+            " to arrive (--request-timeout); send all of it at once, or send less")),
+        "REQUEST_TOO_SLOW"));
+  }
+  for (const auto& call : cancelled) call->Cancel();
+}
+
 void MessageGate::Look(Time now, size_t allowed) {
   std::vector<Call> begun;
-  std::vector<std::shared_ptr<UnreceivedCall>> stopped;
-  std::vector<std::shared_ptr<UnreceivedCall>> cancelled;
+  Calls stopped;
+  Calls cancelled;
   {
     const MutexLock lock(mutex_);
     const auto large = FindLarge(now);
@@ -106,12 +137,7 @@ void MessageGate::Look(Time now, size_t allowed) {
     size_t left = is_closed_ ? large.size() - allowed : 0;
     const auto stop = [&](Place& place) {
       --left;
-      if (!place.stopped) {
-        place.stopped = now;
-        stopped.push_back(place.call);
-      } else if (now - *place.stopped > kTurn && !std::exchange(place.is_cancelled, true)) {
-        cancelled.push_back(place.call);
-      }
+      Stop(place, now, stopped, cancelled);
     };
     auto oldest = large.begin();
     while (left > 0 && now - (*oldest)->since > kTurn) stop(**oldest++);

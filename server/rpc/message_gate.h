@@ -1,7 +1,7 @@
-// Bounds how many large requests are being received at once. gRPC receives a message of any size up
-// to its limit as soon as it is asked to, and does not tell how much of it has arrived. The system
-// tells what each connection has received. So a request counts as large if it takes long, and if the
-// connection that it comes by has brought more than small requests would.
+// Bounds how many large requests are being received at once, and how long a request takes. gRPC
+// receives a message of any size up to its limit as soon as it is asked to, and does not tell how much
+// of it has arrived. The system tells what each connection has received. So a request counts as large
+// if it takes long, and if the connection that it comes by has brought more than small requests would.
 
 #ifndef MANEUVER_SERVER_RPC_MESSAGE_GATE_H_
 #define MANEUVER_SERVER_RPC_MESSAGE_GATE_H_
@@ -70,6 +70,8 @@ class MessageGate {
   size_t CountLarge(Time now);
   // Stops large requests until `allowed` are left. Call it often.
   void Look(Time now, size_t allowed);
+  // Stops requests, of any size, that have taken longer than `longest`. Call it now and then.
+  void StopLate(Time now, std::chrono::milliseconds longest);
 
  private:
   struct Call {
@@ -82,7 +84,11 @@ class MessageGate {
     bool is_cancelled = false;
   };
   using Places = std::list<Place>;
+  using Calls = std::vector<std::shared_ptr<UnreceivedCall>>;
 
+  // Adds the call to those that its caller has to stop: at first, and, if gRPC has not let go of its
+  // request a turn later, to those that its caller has to cancel.
+  static void Stop(Place& place, Time now, Calls& stopped, Calls& cancelled);
   void Receives(Call call, Time now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   bool HasLarge(const std::string& peer) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     return !is_weighed_ || with_large_.contains(peer);

@@ -7,6 +7,7 @@
 #include <climits>
 #include <cstdint>
 #include <future>
+#include <set>
 #include <thread>
 #include <utility>
 
@@ -14,6 +15,7 @@
 #include "server/monitoring/listening.h"
 #include "server/rpc/call_observer.h"
 #include "server/rpc/health.h"
+#include "server/rpc/message_gate.h"
 #include "server/rpc/open_connections.h"
 #include "server/rpc/reflection.h"
 #include "server/rpc/small_messages.h"
@@ -84,10 +86,13 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(
   Limit(builder, limits);
   RefuseCompression(builder);
   SpareWork(builder);
+  auto gate = std::make_unique<MessageGate>(/*most_waiting=*/0);  // nobody looks: none waits
+  std::set<MessageGate*> gates{gate.get()};
   std::vector<std::unique_ptr<GuardedService>> guarded;
   std::vector<std::string> methods;
   for (const NamedService& service : services) {
-    auto guard = GuardedService::Create(service, access);
+    auto guard = GuardedService::Create(service, access, *gate);
+    if (service.gate != nullptr) gates.insert(service.gate);
     if (!guard.ok()) return guard.status();
     const auto names = (*guard)->MethodNames();
     methods.insert(methods.end(), names.begin(), names.end());
@@ -104,7 +109,7 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(
   const NamedService open{.name = grpc::health::v1::Health::service_full_name(),
                           .service = health.get(),
                           .small = small.get()};
-  auto guard = GuardedService::Create(open, access);
+  auto guard = GuardedService::Create(open, access, *gate);
   if (!guard.ok()) return guard.status();
   std::vector<std::string> others = (*guard)->MethodNames();
   for (const std::string& name : ReflectionService::MethodNames()) others.push_back(name);
@@ -127,30 +132,40 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(
   const bool refuses_predictions = std::ranges::any_of(services, [](const NamedService& service) {
     return service.name == kPredictionService && !service.refusal.ok();
   });
-  std::unique_ptr<Server> started(new Server(
-      std::move(server), {address.host, port}, refuses_predictions, std::move(small),
-      std::move(health), std::move(guarded), std::move(reflection), std::move(credentials)));
-  started->LimitConnections(
-      limits.max_connections,
+  std::unique_ptr<Server> started(new Server(std::move(server), {address.host, port},
+                                             refuses_predictions, std::move(gate), std::move(small),
+                                             std::move(health), std::move(guarded),
+                                             std::move(reflection), std::move(credentials)));
+  started->KeepLimits(
+      limits,
       metrics.AddCounter("maneuver_refused_connections_total",
-                         "Connections closed because there were more than --max-connections."));
+                         "Connections closed because there were more than --max-connections."),
+      std::move(gates));
   return started;
 }
 
-void Server::LimitConnections(int most, monitoring::Counter& refused) {
-  limiter_ = std::thread([this, limit = ConnectionLimit(address_.port, most), &refused]() mutable {
-    while (!stop_.StoppedWithin(std::chrono::milliseconds(250))) refused.Increment(limit.Enforce());
-  });
+void Server::KeepLimits(const ConnectionLimits& limits, monitoring::Counter& refused,
+                        std::set<MessageGate*> gates) {
+  limiter_ =
+      std::thread([this, connections = ConnectionLimit(address_.port, limits.max_connections),
+                   longest = limits.request, &refused, gates = std::move(gates)]() mutable {
+        while (!stop_.StoppedWithin(std::chrono::milliseconds(250))) {
+          refused.Increment(connections.Enforce());
+          const auto now = std::chrono::steady_clock::now();
+          for (MessageGate* const gate : gates) gate->StopLate(now, longest);
+        }
+      });
 }
 
 Server::Server(std::unique_ptr<grpc::Server> server, security::ListenAddress address,
-               bool refuses_predictions, std::unique_ptr<SmallMessages> small,
-               std::unique_ptr<HealthService> health,
+               bool refuses_predictions, std::unique_ptr<MessageGate> gate,
+               std::unique_ptr<SmallMessages> small, std::unique_ptr<HealthService> health,
                std::vector<std::unique_ptr<GuardedService>> services,
                std::unique_ptr<ReflectionService> reflection,
                std::shared_ptr<grpc::ServerCredentials> credentials)
     : address_(std::move(address)),
       refuses_predictions_(refuses_predictions),
+      gate_(std::move(gate)),
       small_(std::move(small)),
       health_(std::move(health)),
       services_(std::move(services)),

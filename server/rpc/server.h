@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <thread>
@@ -28,6 +29,7 @@ class ServerCredentials;
 namespace maneuver::rpc {
 
 class HealthService;
+class MessageGate;
 class ReflectionService;
 class SmallMessages;
 
@@ -44,6 +46,8 @@ struct ConnectionLimits {
   // A connection that sends nothing for this long is pinged. If no reply comes within a third of
   // this time, it is closed, even with calls in progress.
   std::chrono::seconds keepalive{60};
+  // A single request may take this long to arrive. Messages of streams may take any time.
+  std::chrono::seconds request{300};
   // The most bytes of incomplete messages that all connections together may hold. gRPC checks a
   // message's size only once all of it has arrived. Above the limit, idle connections are closed.
   // If that is not enough, calls of any caller end with RESOURCE_EXHAUSTED until there is room.
@@ -88,11 +92,13 @@ class Server {
   void Shutdown(std::chrono::system_clock::time_point deadline);
 
  private:
-  void LimitConnections(int most, monitoring::Counter& refused);
+  // Keeps the limits that gRPC does not have.
+  void KeepLimits(const ConnectionLimits& limits, monitoring::Counter& refused,
+                  std::set<MessageGate*> gates);
 
   Server(std::unique_ptr<grpc::Server> server, security::ListenAddress address,
-         bool refuses_predictions, std::unique_ptr<SmallMessages> small,
-         std::unique_ptr<HealthService> health,
+         bool refuses_predictions, std::unique_ptr<MessageGate> gate,
+         std::unique_ptr<SmallMessages> small, std::unique_ptr<HealthService> health,
          std::vector<std::unique_ptr<GuardedService>> services,
          std::unique_ptr<ReflectionService> reflection,
          std::shared_ptr<grpc::ServerCredentials> credentials);
@@ -100,6 +106,7 @@ class Server {
   const security::ListenAddress address_;
   const bool refuses_predictions_;
   // gRPC's server uses these until it ends.
+  const std::unique_ptr<MessageGate> gate_;
   const std::unique_ptr<SmallMessages> small_;
   const std::unique_ptr<HealthService> health_;
   const std::vector<std::unique_ptr<GuardedService>> services_;

@@ -44,6 +44,7 @@ LONGEST_RECOVERY_S = 5.0
 HANDSHAKE_S = 2
 REQUEST_S = 10
 SLACK_S = 3
+REQUEST_ARRIVES_S = 2  # --request-timeout; then HAProxy waits REQUEST_S for another call
 UNSAID = ("nothing", "half a preface", "a preface")  # phases that these times end
 HALF_SAID = ("half a frame", "half the headers", "settings")  # phases that HAProxy's time ends too
 # What ends all others: the server's --keepalive and a third of it, and HAProxy's "timeout client".
@@ -170,7 +171,8 @@ class Trial:
             self.messages = load_messages(folder)[0]
         request_json = (REPOSITORY / "tests" / "clients" / "request.json").read_text()
         self.request = json_format.Parse(request_json, self.messages.PredictRequest())
-        os.environ.update(MANEUVERD_SERVE="small/1", MANEUVERD_HANDSHAKE_TIMEOUT=str(HANDSHAKE_S))
+        os.environ.update(MANEUVERD_SERVE="small/1", MANEUVERD_HANDSHAKE_TIMEOUT=str(HANDSHAKE_S),
+                          MANEUVERD_REQUEST_TIMEOUT=str(REQUEST_ARRIVES_S))
 
     def start(self):
         self.stop()
@@ -268,6 +270,8 @@ class Trial:
 
     def judge_loris(self, told):
         limits = dict.fromkeys(UNSAID + HALF_SAID, REQUEST_S) if self.edge else dict.fromkeys(UNSAID, HANDSHAKE_S)
+        if self.edge:
+            limits["half a message"] = REQUEST_ARRIVES_S + REQUEST_S
         last = CLIENT_S if self.edge else KEEPALIVE_S
         if self.options.loris_seconds >= last + SLACK_S:
             limits = dict.fromkeys(told["closed_after_s"], last) | limits
@@ -281,7 +285,7 @@ class Trial:
     def run(self):
         self.start()
         if self.options.loris:
-            seconds = self.options.loris_seconds or (REQUEST_S if self.edge else HANDSHAKE_S) + SLACK_S
+            seconds = self.options.loris_seconds or (REQUEST_ARRIVES_S + REQUEST_S if self.edge else HANDSHAKE_S) + SLACK_S
             loris = self.begin("loris", seconds, self.options.loris)
             if not self.edge:  # where a flood may need another server
                 loris.wait()

@@ -109,6 +109,21 @@ TEST_F(MessageGateTest, EachConnectionCountsAsOneWithLargeRequestsUntilItIsWeigh
   EXPECT_THAT(Enter(milliseconds(22), "new")->told, IsEmpty());
 }
 
+TEST_F(MessageGateTest, StopsRequestsOfAnySizeThatTakeTooLong) {
+  const auto late = Enter(milliseconds(0), "small");
+  const auto other = Enter(milliseconds(1), "small");
+  const auto stop = [this](milliseconds at) { gate_.StopLate(start_ + at, milliseconds(500)); };
+  stop(milliseconds(500));
+  EXPECT_THAT(late->told, ElementsAre("receive"));
+  for (int i = 0; i < 2; ++i) stop(milliseconds(501));
+  EXPECT_THAT(late->told, ElementsAre("receive", "stop: REQUEST_TOO_SLOW"));
+  EXPECT_THAT(other->told, ElementsAre("receive"));
+  EXPECT_TRUE(Leave(*other));
+  for (int i = 0; i < 2; ++i) stop(milliseconds(502) + MessageGate::kTurn);
+  EXPECT_THAT(late->told, ElementsAre("receive", "stop: REQUEST_TOO_SLOW", "cancel"));
+  EXPECT_FALSE(Leave(*late));
+}
+
 // Otherwise callers who never send their requests would keep out those who do.
 TEST_F(MessageGateTest, StopsThoseFirstThatHaveTakenLongerThanATurn) {
   const auto lazy = Enter(milliseconds(0));

@@ -655,6 +655,34 @@ TEST_F(ServerTest, ACallThatSendsItsRequestTooSlowlyIsRefusedAndAnotherIsAnswere
   EXPECT_TRUE(answered.ok()) << answered.error_message();
 }
 
+// Otherwise callers who fall silent within a request could keep it for ever.
+TEST_F(ServerTest, RefusesARequestThatTakesTooLongToArrive) {
+  ConnectionLimits limits;
+  limits.request = std::chrono::seconds(1);
+  const auto server = Server::Start(
+      {"127.0.0.1", 0}, {{v1::PredictionService::service_full_name(), predictions_.get()}},
+      *access_, *metrics_, nullptr, limits);
+  ASSERT_TRUE(server.ok()) << server.status();
+  const std::string address = (*server)->address().ToString();
+  const grpc::Status status =
+      PredictWithoutRequest(grpc::CreateChannel(address, grpc::InsecureChannelCredentials()));
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::DEADLINE_EXCEEDED) << status.error_message();
+  EXPECT_EQ(Reason(status), "REQUEST_TOO_SLOW");
+  for (const char* method : {"/maneuver.v1.PredictionService/Predict",
+                             "/grpc.health.v1.Health/Check", "/grpc.health.v1.Health/Watch"}) {
+    maneuver::integration::RawHttp2 slow(address);
+    slow.SendPreface();
+    slow.SendSettings();
+    slow.OpenCall(1, method);
+    slow.BeginMessage(1, 8);
+    const auto give_up = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+    while (slow.begun() > 0 && std::chrono::steady_clock::now() < give_up) {
+      slow.Read(1, std::chrono::milliseconds(50), true);
+    }
+    EXPECT_EQ(slow.begun(), 0u) << method;
+  }
+}
+
 // A server without room for calls, which only callers with a token reach.
 TEST_F(ServerTest, WithoutRoomRefusesCallsOfEachKindButThoseThatRemoveSomething) {
   Publish();
