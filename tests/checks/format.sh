@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Checks that C++ and protobuf files are formatted by .clang-format. With --fix, formats them.
+# Checks that C++ and protobuf files are formatted by .clang-format, and that scripts can be started by
+# their names, as the pages do. With --fix, mends both.
 #
 #   tests/checks/format.sh [--fix]
 set -euo pipefail
@@ -22,4 +23,12 @@ if ! printf '%s\0' "${files[@]}" | xargs -0 -P "$(nproc)" -n 64 clang-format "${
   echo "format: run tests/checks/format.sh --fix" >&2
   exit 1
 fi
-echo "format: ${#files[@]} files are formatted"
+mapfile -t scripts < <(git ls-files -z | xargs -0 awk 'FNR == 1 { if (/^#!/) print FILENAME; nextfile }' 2>/dev/null)
+for script in "${scripts[@]}"; do
+  [ ! -x "$script" ] || continue
+  [ "${1:-}" != --fix ] || { chmod +x "$script"; continue; }
+  echo "format: $script is a script that cannot be started: chmod +x" >&2
+  failed=1
+done
+[ -z "${failed:-}" ] || exit 1
+echo "format: ${#files[@]} files are formatted, and ${#scripts[@]} scripts can be started"
