@@ -32,6 +32,7 @@ import pathlib
 import random
 import re
 import shutil
+import signal
 import struct
 import subprocess
 import sys
@@ -878,6 +879,7 @@ def main():
                         "commas stand for spaces")
     options = parser.parse_args()
     options.flags = [flag.replace(",", " ") for flag in options.flags]
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("stopped by SIGTERM"))  # and ends the server
     with tempfile.TemporaryDirectory(prefix="maneuver-histories-") as work:
         run = Run(options, pathlib.Path(work))
         try:
