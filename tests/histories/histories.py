@@ -669,7 +669,7 @@ class Run:
             subprocess.run([options.small_model, self.contents[-1], str(seed)], check=True)
         for seed in range(1, TOWNS + 1):
             self.towns.append(work / f"town{seed}")
-            subprocess.run([options.maneuver, "synthesize", self.towns[-1], "--recordings", "4", "--seed", str(seed)],
+            subprocess.run([options.maneuver, "synthesize", self.towns[-1], "--recordings", "6", "--seed", str(seed)],
                            check=True, stdout=subprocess.DEVNULL)
             self.shards[self.towns[-1].name] = json.loads((self.towns[-1] / "dataset.json").read_text())["shards"][0]["sha256"]
         self.callers = [Caller(self, number) for number in range(options.callers)]
