@@ -86,11 +86,13 @@ absl::Status TagStore::CheckBegin(const std::string& id, const v1::Tags& tags) c
                                                "; choose another name, or delete them first"));
 }
 
-absl::Status TagStore::Begin(const std::string& id, const v1::Tags& tags) const {
+absl::Status TagStore::Begin(const std::string& id, const v1::Tags& tags, bool* made) const {
+  if (made != nullptr) *made = false;
   if (Contains(id)) return CheckBegin(id, tags);
   std::error_code error;
   fs::create_directories(folder_, error);
   if (error) return files::ErrnoStatus(error.value(), "create", folder_);
+  fs::remove(FolderOf(id), error);  // an empty one, of a Withdraw that was interrupted
   const auto temporary = files::MakeTemporaryFolderFor(FolderOf(id));
   if (!temporary.ok()) return temporary.status();
   std::string json;
@@ -99,10 +101,19 @@ absl::Status TagStore::Begin(const std::string& id, const v1::Tags& tags) const 
   }
   absl::Status status = files::WriteFileAtomically(*temporary / kBegunFile, json + "\n");
   if (status.ok()) status = files::PublishFolder(*temporary, FolderOf(id));
-  if (status.ok()) return status;
+  if (status.ok()) {
+    if (made != nullptr) *made = true;
+    return status;
+  }
   fs::remove_all(*temporary, error);
   // Another server has just begun them.
   return absl::IsAlreadyExists(status) && Contains(id) ? CheckBegin(id, tags) : status;
+}
+
+void TagStore::Withdraw(const std::string& id) const {
+  std::error_code ignored;
+  fs::remove(FolderOf(id) / kBegunFile, ignored);
+  fs::remove(FolderOf(id), ignored);
 }
 
 absl::StatusOr<v1::Tags> TagStore::Get(const std::string& id) const {

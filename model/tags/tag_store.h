@@ -37,7 +37,10 @@ class TagStore {
   // Makes a folder for tags, unless it is there. ALREADY_EXISTS, naming the field, if it is there
   // for another model_version, datasets, windows or stride.
   //   tags: kept as it is given, for Get
-  absl::Status Begin(const std::string& id, const v1::Tags& tags) const;
+  //   made: set to whether this call made the folder; nullptr: not wanted
+  absl::Status Begin(const std::string& id, const v1::Tags& tags, bool* made = nullptr) const;
+  // Removes tags that Begin made and that have no files yet. Needs no room on the disk.
+  void Withdraw(const std::string& id) const;
 
   // Returns what Begin was given, with name, counts and size_bytes of the files that are there.
   // DATA_LOSS if a file is damaged.

@@ -191,7 +191,12 @@ class Supervisor {
   // Returns whether BeginTags can succeed.
   absl::Status CheckTags(const v1::Job& job) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Makes the folder of the job's tags, unless it is there.
-  absl::Status BeginTags(const v1::Job& job) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  //   made: set to whether this call made it
+  absl::Status BeginTags(const v1::Job& job, bool* made) const
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  // Removes what BeginTags made, for a job that is refused after all. Tags that another server may
+  // write meanwhile stay.
+  void WithdrawTags(const v1::Job& job) const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // RESOURCE_EXHAUSTED while max_pending_jobs are PENDING.
   absl::Status CheckRoom() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   std::filesystem::path FolderOf(const std::string& name) const;

@@ -268,9 +268,11 @@ absl::StatusOr<v1::Job> Supervisor::Admit(v1::Job job, const std::string& reques
     job.set_name(absl::StrCat("jobs/", options_.new_id()));
     *job.mutable_create_time() = ToTimestamp(options_.now());
     absl::Status status = EnsureSettings(job, versions_, FolderOf(job.name()));
-    if (status.ok() && job.has_tag()) status = BeginTags(job);
+    bool made_tags = false;
+    if (status.ok() && job.has_tag()) status = BeginTags(job, &made_tags);
     if (status.ok()) status = store_.Add(job, request_id, digest);
     if (!status.ok()) {
+      if (made_tags) WithdrawTags(job);
       std::error_code ignored;  // the next start removes what is left
       fs::remove_all(FolderOf(job.name()), ignored);
       if (absl::IsPermissionDenied(status)) {

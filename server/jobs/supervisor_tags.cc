@@ -49,8 +49,12 @@ absl::Status Supervisor::CheckTags(const v1::Job& job) const {
   return WithTagsReason(tags_.CheckBegin(TagsId(job), NewTags(job)));
 }
 
-absl::Status Supervisor::BeginTags(const v1::Job& job) const {
-  return WithTagsReason(tags_.Begin(TagsId(job), NewTags(job)));
+absl::Status Supervisor::BeginTags(const v1::Job& job, bool* made) const {
+  return WithTagsReason(tags_.Begin(TagsId(job), NewTags(job), made));
+}
+
+void Supervisor::WithdrawTags(const v1::Job& job) const {
+  if (!IsShared()) tags_.Withdraw(TagsId(job));
 }
 
 absl::Status Supervisor::DeleteTags(const std::string& id) {

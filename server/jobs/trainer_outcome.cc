@@ -155,6 +155,10 @@ absl::Status WithDefaultReason(absl::Status status, errors::Reason reason) {
 }
 
 absl::Status CannotStartTrainer(const absl::Status& reason) {
+  // Its log could not be made: that is the disk's fault.
+  if (absl::IsResourceExhausted(reason) || files::IsFileSystemFailure(reason)) {
+    return WithDefaultReason(reason, "TRAINER_INTERNAL");
+  }
   return errors::WithReason(
       absl::InternalError(absl::StrCat(
           "the trainer cannot be started: ", WithoutPaths(std::string(reason.message())),

@@ -31,7 +31,8 @@ absl::Status TrainerStatus(const ChildResult& result, const std::string& last_wo
 // failed.
 absl::Status WithDefaultReason(absl::Status status, errors::Reason reason);
 
-// Returns the error of a trainer that could not be started: TRAINER_INTERNAL.
+// Returns the error of a trainer that could not be started: TRAINER_INTERNAL, or what
+// WithDefaultReason says of a disk that is full or fails.
 absl::Status CannotStartTrainer(const absl::Status& reason);
 
 // Returns whether the process was ended by a signal or lost a rank, though it was within its limits

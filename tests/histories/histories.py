@@ -2,13 +2,16 @@
 """Runs a random history over all services of a maneuverd, with sudden deaths, full disks, input/output errors and jumps of
 the clock, and compares what the server shows with a model of what it acknowledged.
 
-In each round some callers work at once, each on models, datasets and jobs of its own: they upload, label, promote,
-alias, delete, train, cancel, resume, predict and report outcomes. Meanwhile the disk may fail, the clock may jump, the
-trainer or the server may be killed. Then the server starts again and everything that it shows is checked:
+In each round some callers work at once, each on models, datasets, tags and jobs of its own: they upload, register,
+label, promote, alias, delete, train, evaluate, recalibrate, cross-validate, tag, cancel, resume, predict and report
+outcomes. Meanwhile the disk may fail, the clock may jump, the trainer or the server may be killed. Then the server
+starts again and everything that it shows is checked:
 
 - an acknowledged change is there; a refused one is not; one without an answer is there completely or not at all;
 - a version number, a job and a request id are given once; a job makes at most one version;
-- a cancelled job stays cancelled; a job that has ended stays as it ended;
+- a cancelled job stays cancelled; a job that has ended stays as it ended, with its result;
+- versions, reports and tags that a job made keep their content; what is computed twice from the same is the same;
+- a map is held until the server ends, and a registered folder is never changed;
 - an outcome is counted once; nothing that was half written is left.
 
     tests/histories/histories.py --rounds 1000 --seed 7
@@ -29,6 +32,7 @@ import pathlib
 import random
 import re
 import shutil
+import signal
 import struct
 import subprocess
 import sys
@@ -41,6 +45,7 @@ REPOSITORY = pathlib.Path(__file__).resolve().parent.parent.parent
 BUILD = REPOSITORY / "build" / "release"
 sys.path[:0] = [os.environ.get("PYTHONPATH", str(BUILD / "python")), str(REPOSITORY / "tests" / "python")]
 import grpc  # noqa: E402
+from google.protobuf import json_format  # noqa: E402
 import maneuver  # noqa: E402
 from maneuver import v1  # noqa: E402
 from server import TINY  # noqa: E402
@@ -52,7 +57,10 @@ LEARNED_MODELS = 2
 TOWNS = 3  # different datasets
 MAX_VERSIONS = 6  # of a model; then a caller deletes before it uploads
 ACTIVE_JOBS = 2  # of a caller
-SETTINGS = {**TINY, "examples": {"max_examples": 40}}
+EXAMPLES = {"max_examples": 40}
+SETTINGS = {**TINY, "examples": EXAMPLES}
+# Versions that nobody deletes, for jobs that need one.
+BASES = [f"models/seed/versions/{number}" for number in range(1, LEARNED_MODELS + 1)]
 HOUR_NS = 3600 * 10**9
 # Codes after which a change may have happened: the answer was lost, or nobody can know.
 LOST = {grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.CANCELLED, grpc.StatusCode.DEADLINE_EXCEEDED}
@@ -70,6 +78,13 @@ def require(condition, what):
 
 def digest(path):
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def map_id(feature):
+    """The id of a map of one lane without neighbours, as RegisterMapResponse defines it."""
+    return hashlib.sha256(b"".join((
+        struct.pack("<qii", feature.id, feature.type, len(feature.x)), struct.pack(f"<{len(feature.x)}d", *feature.x),
+        struct.pack(f"<{len(feature.y)}d", *feature.y), struct.pack("<d", feature.speed_limit)))).hexdigest()
 
 
 def wait_for(condition, what, patience=PATIENCE_S):
@@ -111,14 +126,16 @@ class Server:
         self.log = work / "maneuverd.log"
         self._command = [options.maneuverd, "--data-dir", self.data, "--listen", "127.0.0.1:0", "--metrics-listen",
                          "127.0.0.1:0", "--port-file", self._ports, "--checkpoint-interval", "0.1", "--job-attempts", "1000",
-                         "--outcome-memory", "16MiB", "--shutdown-timeout", "2", *options.flags]
+                         "--outcome-memory", "16MiB", "--shutdown-timeout", "2", "--dataset-folders", work, *options.flags]
         self._environment = {**os.environ, "LD_PRELOAD": str(options.fault_shim), "MANEUVER_FAULTS": str(work / "faults"),
                              "MANEUVER_FAULT_ROOT": str(self.data), "OMP_NUM_THREADS": "1"}
         self.process = None
         self.client = None
+        self.starts = 0
 
     def start(self):
         """Returns whether it listens; false if it ended instead."""
+        self.starts += 1
         self._ports.unlink(missing_ok=True)
         with open(self.log, "ab") as log:
             self.process = subprocess.Popen(self._command, stdout=log, stderr=log, env=self._environment)
@@ -175,15 +192,23 @@ class Cell:
         self.may = {value}
 
 
+# What a job is asked for with: its kind as Job.work names it, the model that gets a version ("": none), the call, and
+# the tags that it writes, with what they are of.
+Work = collections.namedtuple("Work", "kind model call tags", defaults=(None,))
+
+
 class Job:
-    def __init__(self, name, model):
+    def __init__(self, name, work):
         self.name = name
-        self.model = model
+        self.work = work
         self.there = Cell(True)
         self.state = v1.JOB_STATE_UNSPECIFIED  # as it was last seen
         self.cancelled = False  # acknowledged, and not resumed since
         self.may_be_resumed = False
+        self.ended = None  # all of it, once it has ended
         self.version = ""
+        self.weights = ""  # SHA-256 of the version's
+        self.tag_deletions = 0  # of its tags, when it was asked for
 
 
 class Caller:
@@ -201,8 +226,13 @@ class Caller:
         self.labels = collections.defaultdict(lambda: Cell(""))  # by (version, action)
         self.aliases = {f"{self.model}/aliases/{alias}": Cell(None) for alias in ("serving", "candidate", "stable")}
         self.jobs = {}
-        self.lost_requests = {}  # request id: arguments
-        self.requests = {}  # request id: (arguments, job)
+        self.tags = {f"tags/g{number}-{i}": Cell(None) for i in range(2)}  # (version, dataset)
+        self.tag_deletions = collections.Counter()
+        self.tag_files = {name: {} for name in self.tags}  # SHA-256 of each complete file
+        self.reports = set()  # (version, dataset) that were evaluated
+        self.map = None  # (the server's start, id) of the newest map that was registered
+        self.lost_requests = {}  # request id: work
+        self.requests = {}  # request id: (work, job)
         self.gone = set()  # trained versions that were deleted, or may be
         self.scenes = 0
         self.failure = None
@@ -302,39 +332,83 @@ class Caller:
         self.attempt(f"upload {town.name} as {name}", lambda: self.client().upload_dataset(town, name),
                      (self.datasets[name], self.run.shards[town.name]))
 
+    def register_dataset(self):
+        name, town = self.random.choice(sorted(self.datasets)), self.random.choice(self.run.towns)
+        # One that is there is refused, unless it is this folder.
+        self.attempt(f"register {town.name} as {name}", lambda: self.client().register_dataset(name, str(town)),
+                     (self.datasets[name], self.run.shards[town.name]))
+
     def delete_dataset(self):
         name = self.random.choice(sorted(self.datasets))
         self.attempt(f"delete {name}", lambda: self.client().delete_dataset(name), (self.datasets[name], None))
 
-    def train(self):
+    def request_job(self, kind, model, call, tags=None):
+        """Asks for a job on a dataset and a version.
+
+        call: given the client, the dataset, the version and the keyword request_id
+        """
         names = [name for name, cell in self.datasets.items() if cell.value is not None]
         if not names or sum(job.state not in ENDED for job in self.jobs.values()) >= ACTIVE_JOBS:
             return
-        request = f"r{self.random.getrandbits(60):x}"
-        arguments = {"model": self.trained, "datasets": [self.random.choice(names)],
-                     "promotion": self.random.choice([v1.PROMOTION_NEVER, v1.PROMOTION_ALWAYS])}
-        self.request_training(request, arguments)
+        dataset, version = self.random.choice(names), self.random.choice(BASES)
+        self.ask(f"r{self.random.getrandbits(60):x}", Work(
+            kind, model, lambda request: call(self.client(), dataset, version, request_id=request),
+            tags and (tags, (version, dataset))))
 
-    def request_training(self, request, arguments):
-        job = self.attempt(f"train {arguments['model']} as {request}", lambda: self.client().train(
-            arguments["model"], arguments["datasets"], SETTINGS, promotion=arguments["promotion"], request_id=request))
+    def ask(self, request, work):
+        begun = [(self.tags[work.tags[0]], work.tags[1])] if work.tags else []
+        deletions = self.tag_deletions[work.tags[0]] if work.tags else 0
+        job = self.attempt(f"{work.kind} as {request}", lambda: work.call(request), *begun)
         if job is None:
             if self.lost:
-                self.lost_requests[request] = arguments
+                self.lost_requests[request] = work
             return
         require(job.name not in self.jobs, f"{job.name} of {request} is that of another request")
-        self.jobs[job.name] = Job(job.name, arguments["model"])
-        self.requests[request] = (arguments, job.name)
+        self.jobs[job.name] = Job(job.name, work)
+        self.jobs[job.name].tag_deletions = deletions
+        self.requests[request] = (work, job.name)
 
-    def train_again(self):
+    def promotion(self):
+        return self.random.choice([v1.PROMOTION_NEVER, v1.PROMOTION_ALWAYS])
+
+    def train(self):
+        promotion = self.promotion()
+        self.request_job("train", self.trained, lambda client, dataset, version, **request: client.train(
+            self.trained, [dataset], SETTINGS, promotion=promotion, **request))
+
+    def evaluate(self):
+        self.request_job("evaluate", "", lambda client, dataset, version, **request: client.evaluate(
+            version, dataset, examples=EXAMPLES, **request))
+
+    def recalibrate(self):
+        promotion = self.promotion()
+        self.request_job("recalibrate", "models/seed", lambda client, dataset, version, **request: client.recalibrate(
+            version, [dataset], examples=EXAMPLES, promotion=promotion, **request))
+
+    def cross_validate(self):
+        self.request_job("cross_validate", "", lambda client, dataset, version, **request: client.cross_validate(
+            v1.CrossValidateRequest(datasets=[dataset], settings=self.run.settings, folds=2, **request)))
+
+    def tag(self):
+        tags = self.random.choice(sorted(self.tags))
+        self.request_job("tag", "", lambda client, dataset, version, **request: client.tag(
+            version, [dataset], tags, **request), tags)
+
+    def delete_tags(self):
+        name = self.random.choice(sorted(self.tags))
+        # Refused while a job writes them.
+        if self.attempt(f"delete {name}", lambda: self.client().delete_tags(name), (self.tags[name], None)) or self.lost:
+            self.tag_deletions[name] += 1
+            self.tag_files[name] = {}
+
+    def ask_for_a_job_again(self):
         """A request that is repeated is the same job."""
         known = [request for request, (_, job) in self.requests.items() if self.jobs[job].there.value]
         if not known:
             return
         request = self.random.choice(known)
-        arguments, name = self.requests[request]
-        job = self.attempt(f"train again as {request}", lambda: self.client().train(
-            arguments["model"], arguments["datasets"], SETTINGS, promotion=arguments["promotion"], request_id=request))
+        work, name = self.requests[request]
+        job = self.attempt(f"{work.kind} again as {request}", lambda: work.call(request))
         require(job is None or job.name == name, f"{request} made {name} and {job and job.name}")
 
     def pick_job(self, states):
@@ -377,12 +451,10 @@ class Caller:
             return
         self.scenes += 1
         scene = f"{self.model}-{self.scenes}"
-        vehicle = v1.Agent(id=7, type=v1.AGENT_TYPE_VEHICLE, length=4.5, width=1.9, states=[v1.AgentState(velocity_x=5)])
-        scenario = v1.Scenario(scenario_id=scene, target_ids=[7], agents=[vehicle])
         version = self.random.choice(names)
         outcome = v1.Outcome(scenario_id=scene, prediction_time=0, model=version, targets=[v1.TargetOutcome(
             target_id=7, states=[v1.AgentState(time=0.1 * i, x=0.5 * i, velocity_x=5) for i in range(1, 51)])])
-        if self.attempt(f"predict {scene}", lambda: self.client().predict(scenario, model=version)) is None:
+        if self.attempt(f"predict {scene}", lambda: self.client().predict(self.scene(scene), model=version)) is None:
             return
         for turn in range(2):
             with self.run.lock:
@@ -396,9 +468,30 @@ class Caller:
                 self.run.outcomes += not error.code
             require(bool(error.code) == bool(turn), f"report {turn + 1} of {scene}: {error or 'scored'}")
 
+    def scene(self, name, **of_the_map):
+        vehicle = v1.Agent(id=7, type=v1.AGENT_TYPE_VEHICLE, length=4.5, width=1.9, states=[v1.AgentState(velocity_x=5)])
+        return v1.Scenario(scenario_id=name, target_ids=[7], agents=[vehicle], **of_the_map)
+
+    def register_map(self):
+        """Predicts with the map by its id and with the map itself: the answers are the same."""
+        lane = v1.MapFeature(id=1, type=v1.MAP_FEATURE_TYPE_LANE_CENTERLINE, x=[-20, 0, self.random.uniform(5, 40)],
+                             y=[self.random.uniform(-9, 9) for _ in range(3)], speed_limit=14)
+        held = self.attempt("register a map", lambda: self.client().register_map([lane]))
+        if held is None:
+            return
+        require(held == map_id(lane), f"a map is {held}; its SHA-256 is {map_id(lane)}")
+        self.map = (self.run.server.starts, held)
+        version = self.random.choice(BASES)
+        answers = [self.attempt(f"predict with {what}", lambda: self.client().predict(
+            self.scene("map", **of_the_map), model=version).target().probabilities)
+                   for what, of_the_map in (("a map's id", {"map_id": held}), ("a map", {"map_features": [lane]}))]
+        require(any(answer is None for answer in answers) or abs(answers[0] - answers[1]).max() < 1e-6,
+                f"with the map {held} the answer is {answers[0]}, and without its id {answers[1]}")
+
     OPERATIONS = ((upload_model, 6), (delete_version, 3), (set_alias, 6), (remove_alias, 2), (label, 6), (upload_dataset, 4),
-                  (delete_dataset, 2), (train, 3), (train_again, 1), (cancel, 1), (resume, 1), (delete_job, 1),
-                  (delete_trained, 1), (report_outcome, 3))
+                  (register_dataset, 3), (delete_dataset, 2), (train, 1), (evaluate, 1), (recalibrate, 1),
+                  (cross_validate, 1), (tag, 2), (delete_tags, 1), (ask_for_a_job_again, 1), (cancel, 0.1), (resume, 1),
+                  (delete_job, 1), (delete_trained, 1), (report_outcome, 3), (register_map, 2))
 
     def work(self, over):
         operations, weights = zip(*self.OPERATIONS)
@@ -441,15 +534,50 @@ class Caller:
             cell.see(shards[0].sha256 if shards else None, f"the first shard of {name}")
             for shard in shards:
                 require(digest(self.run.server.data / name / shard.file) == shard.sha256, f"{shard.file} of {name}")
+        self.check_tags({tags.name: tags for tags in client.list_tags()})
+        self.check_map()
+
+    def may_begin_tags(self, job):
+        """A job that was resumed begins tags that were deleted again."""
+        if job.work.tags:
+            tags, of = job.work.tags
+            self.tags[tags].may.add(of)
+
+    def check_tags(self, shown):
+        for job in self.jobs.values():
+            if job.state not in ENDED or job.may_be_resumed:
+                self.may_begin_tags(job)
+        for name, cell in self.tags.items():
+            tags = shown.get(name)
+            cell.see(tags and (tags.model_version, tags.datasets[0] if tags.datasets else ""), name)
+            files = {file.name: digest(file) for file in (self.run.server.data / name).glob("[!.]*")}
+            require(self.tag_files[name].items() <= files.items(), f"{name} had {self.tag_files[name]} and has {files}")
+            self.tag_files[name] = files
+            if "schema.json" in files:
+                for file, content in files.items():
+                    self.run.same(f"{file} of {files['schema.json']}", content)
+
+    def check_map(self):
+        """A map is held until the server ends, and no longer."""
+        if self.map is None:
+            return
+        start, held = self.map
+        try:
+            self.client().predict(self.scene("map", map_id=held), model=BASES[0]).target()
+            reason = ""
+        except maneuver.ManeuverError as error:
+            reason = error.reason
+        expected = "" if start == self.run.server.starts else "MAP_NOT_REGISTERED"
+        require(reason == expected, f"a map of start {start} in start {self.run.server.starts}: {reason or 'it is held'}")
 
     def has(self, model):
         return any((self.run.server.data / "models" / model[7:]).glob("[0-9]*"))
 
     def ask_again(self):
-        """Training requests whose answers were lost: asked again, each is one job."""
-        for request, arguments in list(self.lost_requests.items()):
+        """Requests whose answers were lost: asked again, each is one job."""
+        for request, work in list(self.lost_requests.items()):
             del self.lost_requests[request]
-            self.request_training(request, arguments)
+            self.ask(request, work)
 
     def check_jobs(self, shown):
         for job in self.jobs.values():
@@ -461,17 +589,62 @@ class Caller:
                 require(seen.state == job.state, f"{job.name} had ended as {job.state} and is {seen.state}")
             if job.cancelled and seen.state not in ENDED:
                 require(seen.cancel_requested, f"{job.name} was cancelled and goes on: {seen.state}")
-            if seen.state == v1.JOB_STATE_SUCCEEDED:
-                require(seen.model_version.startswith(job.model + "/"), f"{job.name} succeeded with {seen.model_version!r}")
-                require(job.version in ("", seen.model_version), f"{job.name} made {job.version} and {seen.model_version}")
-                job.version = seen.model_version
-                folder = self.run.server.data / job.version.replace("/versions", "")
-                require(job.version in self.gone or (folder / "weights.safetensors").exists(), f"{job.version} is gone")
-                if (folder / "weights.safetensors").exists():
-                    self.gone.discard(job.version)
+            if seen.state in ENDED:
+                self.check_ended(job)
             job.state = seen.state
             if seen.state in ENDED:
                 job.may_be_resumed = False
+        for version, dataset in self.reports:
+            self.check_report(self.client().get_evaluation_report(f"{version}/evaluations/{dataset[9:]}"))
+
+    def check_ended(self, job):
+        seen = self.client().get_job(job.name)
+        whole = seen.SerializeToString(deterministic=True)
+        if job.ended is None or job.may_be_resumed:
+            self.may_begin_tags(job)  # after the tags were listed
+            why = maneuver.errors.from_status(seen.error) if seen.HasField("error") else ""
+            self.run.ends[f"{job.work.kind}: {v1.JobState.Name(seen.state)[10:]} {why}"] += 1
+        else:
+            require(whole == job.ended, f"{job.name} had ended, and has changed:\n{v1.Job.FromString(job.ended)}\n{seen}")
+        job.ended = whole
+        if seen.state != v1.JOB_STATE_SUCCEEDED:
+            return
+        require(seen.WhichOneof("work") == job.work.kind, f"{job.name} is no {job.work.kind}")
+        result = {"evaluate": "evaluation", "cross_validate": "cross_validation", "tag": "tagged"}.get(job.work.kind)
+        require(result is None or seen.HasField(result), f"{job.name} succeeded without a result")
+        if job.work.model:
+            self.check_version(job, seen.model_version)
+        elif job.work.kind == "evaluate":
+            self.check_report(seen.evaluation)
+            self.reports.add((seen.evaluate.model, seen.evaluate.dataset))
+        elif job.work.tags:
+            name, _ = job.work.tags
+            require(seen.tagged.shards == seen.tagged.all_shards > 0, f"{job.name} ended and tagged {seen.tagged}")
+            if self.tag_deletions[name] == job.tag_deletions:
+                files = list((self.run.server.data / name).glob("*.tags"))
+                require(len(files) == seen.tagged.shards, f"{job.name} tagged {name}, which has {files}")
+
+    def check_version(self, job, version):
+        require(version.startswith(job.work.model + "/"), f"{job.name} succeeded with {version!r}")
+        require(job.version in ("", version), f"{job.name} made {job.version} and {version}")
+        job.version = version
+        weights = self.run.server.data / version.replace("/versions", "") / "weights.safetensors"
+        require(version in self.gone or weights.exists(), f"{version} is gone")
+        if weights.exists():
+            self.gone.discard(version)
+            content = digest(weights)
+            require(job.weights in ("", content), f"the weights of {version} were {job.weights} and are {content}")
+            job.weights = content
+
+    def check_report(self, report):
+        """Two reports on the same are the same, beside when they were made."""
+        require(report.metrics, f"no metrics: {report}")
+        what = f"the report on {report.model_version}, {report.dataset}, {report.dataset_sha256}"
+        content = v1.EvaluationReport()
+        content.CopyFrom(report)
+        content.ClearField("create_time")
+        content.ClearField("name")
+        self.run.same(what, content.SerializeToString(deterministic=True))
 
 
 class Run:
@@ -484,15 +657,19 @@ class Run:
         self.calls = collections.Counter()
         self.notes = collections.deque(maxlen=200)
         self.events = collections.Counter()
+        self.ends = collections.Counter()
+        self.made = {}
+        self.settings = json_format.ParseDict(SETTINGS, v1.TrainingSettings())
         self.outcomes = self.outcomes_maybe = 0
         self.may_have_failed = 0  # the error with which operations of this round may have failed
         self.contents, self.with_actions, self.towns, self.shards = [], set(), [], {}
+        self.bases = {}  # SHA-256 of the weights of BASES
         for seed in range(1, RANDOM_MODELS + 1):
             self.contents.append(work / f"random{seed}")
             subprocess.run([options.small_model, self.contents[-1], str(seed)], check=True)
         for seed in range(1, TOWNS + 1):
             self.towns.append(work / f"town{seed}")
-            subprocess.run([options.maneuver, "synthesize", self.towns[-1], "--recordings", "3", "--seed", str(seed)],
+            subprocess.run([options.maneuver, "synthesize", self.towns[-1], "--recordings", "6", "--seed", str(seed)],
                            check=True, stdout=subprocess.DEVNULL)
             self.shards[self.towns[-1].name] = json.loads((self.towns[-1] / "dataset.json").read_text())["shards"][0]["sha256"]
         self.callers = [Caller(self, number) for number in range(options.callers)]
@@ -501,6 +678,10 @@ class Run:
         with self.lock:
             self.calls[text.split(" ")[0] + ": " + text.rsplit(": ", 1)[1]] += 1
             self.notes.append(f"{time.monotonic():.3f} {caller.model}: {text}")
+
+    def same(self, what, content):
+        """Requires that what is made again, from the same, has the same content."""
+        require(self.made.setdefault(what, content) == content, f"{what} was {self.made[what]} and is {content}")
 
     def event(self, what):
         with self.lock:
@@ -587,21 +768,31 @@ class Run:
             caller.check()
             caller.ask_again()
         jobs = {job.name: job for job in self.server.client.list_jobs()}
-        requests = collections.Counter(job.train.request_id for job in jobs.values() if job.train.request_id)
+        damaged = [(job.name, job.error) for job in jobs.values() if job.WhichOneof("work") is None]
+        require(not damaged, f"damaged: {damaged}")
+        requests = collections.Counter(getattr(job, job.WhichOneof("work")).request_id for job in jobs.values())
         require(all(count == 1 for count in requests.values()), f"a request made several jobs: {requests.most_common(3)}")
         known = {name for caller in self.callers for name in caller.jobs}
         for name, job in jobs.items():
             require(name in known, f"nobody asked for {name}")
         for caller in self.callers:
             caller.check_jobs(jobs)
-        makers = collections.Counter(file.read_text() for file in self.server.data.glob("models/t*/*/made_by"))
-        require(all(count == 1 for count in makers.values()), f"a job made several versions: {makers.most_common(3)}")
+        makers = collections.Counter(file.read_text() for file in self.server.data.glob("models/*/*/made_by"))
+        several = [maker for maker, count in makers.items() if count > 1 and maker.startswith("jobs/")]
+        require(not several, f"made several versions: {several}")
+        for town in self.towns:
+            require(digest(town / "scenarios-00000.tfrecord") == self.shards[town.name], f"{town.name} has changed")
+        for version, weights in self.bases.items():
+            require(digest(self.server.data / version.replace("/versions", "") / "weights.safetensors") == weights,
+                    f"{version} has changed")
 
     def check_leftovers(self):
         """What was half written is gone once the server listens. Jobs may be at work again."""
         for folder in ("models", "datasets"):
             left = [path for path in (self.server.data / folder).glob("**/.*.tmp-*")]
             require(not left, f"left half written: {left}")
+        left = list((self.server.data / "tags").glob(".*.tmp-*"))
+        require(not left, f"left half written: {left}")
 
     def settle(self):
         """Every job ends, on a sound machine."""
@@ -631,7 +822,8 @@ class Run:
             self.contents[-1].mkdir()
             for file in ("model.json", "weights.safetensors"):
                 shutil.copy(folder / file, self.contents[-1])
-            self.with_actions.add(digest(folder / "weights.safetensors"))
+            self.bases[job.model_version] = digest(folder / "weights.safetensors")
+            self.with_actions.add(self.bases[job.model_version])
             client.delete_job(job.name)
         self.server.stop(kill=False)
 
@@ -663,6 +855,8 @@ class Run:
         if self.options.verbose:
             for what, count in sorted(self.calls.items()):
                 print(f"{count:7d} {what}")
+            for what, count in sorted(self.ends.items()):
+                print(f"{count:7d} jobs ended: {what}")
         return 0
 
 
@@ -685,6 +879,7 @@ def main():
                         "commas stand for spaces")
     options = parser.parse_args()
     options.flags = [flag.replace(",", " ") for flag in options.flags]
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("stopped by SIGTERM"))  # and ends the server
     with tempfile.TemporaryDirectory(prefix="maneuver-histories-") as work:
         run = Run(options, pathlib.Path(work))
         try:

@@ -72,6 +72,21 @@ TEST_F(TagStoreTest, BeginsOnceAndOnlyForTheSameTags) {
   EXPECT_TRUE(store_.CheckBegin("july", other).ok());
 }
 
+TEST_F(TagStoreTest, WithdrawsTagsWithoutFilesAndBeginsThemAgain) {
+  v1::Tags other = June();
+  other.set_windows(true);
+  bool made = false;
+  ASSERT_TRUE(store_.Begin("june", June(), &made).ok());
+  EXPECT_TRUE(made);
+  store_.Withdraw("june");
+  EXPECT_FALSE(fs::exists(store_.FolderOf("june")));
+  fs::create_directory(store_.FolderOf("june"));  // as an interrupted call leaves it
+  ASSERT_TRUE(store_.Begin("june", other, &made).ok());
+  EXPECT_TRUE(made);
+  ASSERT_TRUE(store_.Begin("june", other, &made).ok());
+  EXPECT_FALSE(made);
+}
+
 TEST_F(TagStoreTest, ListsByNameAndForgetsWhatIsDetached) {
   EXPECT_THAT(*store_.List("", 10), IsEmpty());
   for (const char* id : {"may", "june", "july"}) ASSERT_TRUE(store_.Begin(id, June()).ok());

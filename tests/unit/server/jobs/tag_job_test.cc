@@ -115,6 +115,20 @@ TEST_F(TagJobTest, RefusesTagsOfTheSameNameThatWouldDiffer) {
   EXPECT_EQ(WaitForEnd(Tag(request).name()).state(), v1::JOB_STATE_SUCCEEDED);
 }
 
+TEST_F(TagJobTest, ARequestThatIsRefusedLeavesNoTags) {
+  Trainer(kRunsOn);
+  SupervisorOptions options = Options();
+  options.new_id = [] { return "same"; };  // so that the store takes the first job alone
+  StartWith(std::move(options));
+  Tag(Request());
+  v1::TagRequest request = Request();
+  ASSERT_FALSE(supervisor_->Tag(request).ok());
+  EXPECT_TRUE(supervisor_->tag_store().Contains("june")) << "the first job's tags stay";
+  request.set_tags("tags/july");
+  ASSERT_FALSE(supervisor_->Tag(request).ok());
+  EXPECT_FALSE(supervisor_->tag_store().Contains("july"));
+}
+
 TEST_F(TagJobTest, TagsAndDatasetsStayWhileAJobNeedsThem) {
   Trainer(kRunsOn);
   Start();

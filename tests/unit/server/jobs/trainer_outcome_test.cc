@@ -4,9 +4,12 @@
 #include <gtest/gtest.h>
 #include <signal.h>
 
+#include <cerrno>
+#include <filesystem>
 #include <fstream>
 
 #include "maneuver/v1/status.pb.h"
+#include "model/files/errno_status.h"
 #include "server/errors/error_details.h"
 #include "tests/unit/temporary_folder.h"
 
@@ -70,6 +73,19 @@ TEST(TrainerOutcomeTest, ReportsAKillForLackOfMemory) {
   EXPECT_TRUE(absl::IsResourceExhausted(killed));
   EXPECT_EQ(InfoOf(TrainerStatus({.signal = SIGKILL, .over_memory_limit = true}, "")).reason(),
             "OUT_OF_MEMORY");
+}
+
+TEST(TrainerOutcomeTest, AFullDiskIsNotBlamedOnTheTrainer) {
+  const absl::Status full = CannotStartTrainer(
+      files::ErrnoStatus(ENOSPC, "create", std::filesystem::path("/data/jobs/7/trainer.log")));
+  EXPECT_EQ(full.message(), "cannot create trainer.log: the disk is full");
+  EXPECT_EQ(InfoOf(full).reason(), "DISK_FULL");
+  const absl::Status broken = CannotStartTrainer(
+      files::ErrnoStatus(EIO, "create", std::filesystem::path("/data/jobs/7/trainer.log")));
+  EXPECT_EQ(InfoOf(broken).reason(), "FOLDER_UNAVAILABLE");
+  const absl::Status missing = CannotStartTrainer(
+      files::ErrnoStatus(ENOENT, "start", std::filesystem::path("/bin/maneuver-trainer")));
+  EXPECT_EQ(InfoOf(missing).reason(), "TRAINER_INTERNAL");
 }
 
 TEST(TrainerOutcomeTest, OnlyAForeignSignalOrALostRankIsADeath) {
