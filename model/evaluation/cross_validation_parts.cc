@@ -28,8 +28,10 @@ absl::Status Contradiction(const v1::FoldRun& run, const std::string& what) {
 }
 
 bool SamePlan(v1::CrossValidationPlan a, v1::CrossValidationPlan b) {
-  a.clear_seeds();
-  b.clear_seeds();
+  for (v1::CrossValidationPlan* plan : {&a, &b}) {
+    plan->clear_seeds();
+    plan->clear_dataset_names();  // machines may call the same dataset differently
+  }
   return MessageDifferencer::Equals(a, b);
 }
 
@@ -50,6 +52,17 @@ absl::Status CheckSet(const v1::FoldRun& run, const v1::MeasuredSet& set,
     }
   }
   return set.examples().empty() ? Contradiction(run, "no example was measured") : absl::OkStatus();
+}
+
+absl::Status CheckDatasets(const v1::CrossValidationPlan& plan) {
+  for (const v1::GroupedRecording& recording : plan.recordings()) {
+    if (recording.dataset() >= 0 && recording.dataset() < std::max(1, plan.dataset_names_size())) {
+      continue;
+    }
+    return absl::DataLossError(
+        absl::StrCat("recording ", recording.scenario_id(), " is of a dataset that has no name"));
+  }
+  return absl::OkStatus();
 }
 
 absl::Status CheckGroups(const v1::FoldRun& run, const v1::CrossValidationPlan& plan) {
@@ -135,6 +148,7 @@ absl::StatusOr<v1::CrossValidationPart> MergeParts(std::vector<v1::CrossValidati
   if (parts.empty()) return absl::InvalidArgumentError("there is no part to merge");
   v1::CrossValidationPart merged;
   *merged.mutable_plan() = parts.front().plan();
+  if (absl::Status status = CheckDatasets(merged.plan()); !status.ok()) return status;
   std::map<RunKey, v1::FoldRun> runs;
   for (v1::CrossValidationPart& part : parts) {
     if (!SamePlan(part.plan(), merged.plan())) {

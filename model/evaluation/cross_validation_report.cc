@@ -146,33 +146,41 @@ std::map<int, int> NumberGroups(const Recordings& recordings, v1::CrossValidated
   return numbers;
 }
 
+//   datasets: of the recordings; less than two are no dimension
 //   models: number of models of one seed that measured each example
-void AddSet(std::span<const SetRun> runs, const Recordings& recordings, int seeds, int models,
-            const BootstrapOptions& options, v1::CrossValidatedSet& proto) {
+void AddSet(std::span<const SetRun> runs, const Recordings& recordings, const Names& datasets,
+            int seeds, int models, const BootstrapOptions& options, v1::CrossValidatedSet& proto) {
   const std::map<int, int> groups = NumberGroups(recordings, proto);
   const v1::MeasuredSet& first = *runs.front().set;
   const Columns columns(first.value_names_size());
+  auto dimensions = first.dimensions();
+  if (datasets.size() > 1) {
+    v1::StratumDimension& dimension = *dimensions.Add();
+    dimension.set_dimension("dataset");
+    *dimension.mutable_names() = datasets;
+  }
   GroupedSums overall(columns.count(), seeds);
   std::vector<std::vector<GroupedSums>> strata;  // by dimension
-  for (const v1::StratumDimension& dimension : first.dimensions()) {
+  for (const v1::StratumDimension& dimension : dimensions) {
     strata.emplace_back(static_cast<size_t>(dimension.names_size()),
                         GroupedSums(columns.count(), seeds));
   }
   for (const SetRun& run : runs) {
     for (const v1::MeasuredExample& example : run.set->examples()) {
-      const int group = groups.at(recordings[example.recording()].group());
+      const v1::GroupedRecording& recording = recordings[example.recording()];
+      const int group = groups.at(recording.group());
       const Eigen::VectorXd row = columns.Row(example);
       overall.Add(run.seed, group, row);
-      for (size_t i = 0; i < strata.size(); ++i) {
-        const auto stratum = static_cast<size_t>(example.strata(static_cast<int>(i)));
-        strata[i][stratum].Add(run.seed, group, row);
+      for (int i = 0; i < dimensions.size(); ++i) {
+        const int stratum = i < example.strata_size() ? example.strata(i) : recording.dataset();
+        strata[static_cast<size_t>(i)][static_cast<size_t>(stratum)].Add(run.seed, group, row);
       }
     }
   }
   const Eigen::MatrixXd draws = DrawGroups(proto.groups(), options.resamples, options.seed);
   Fill(overall, draws, first.value_names(), models, *proto.mutable_overall());
   for (size_t i = 0; i < strata.size(); ++i) {
-    const v1::StratumDimension& dimension = first.dimensions(static_cast<int>(i));
+    const v1::StratumDimension& dimension = dimensions[static_cast<int>(i)];
     for (size_t j = 0; j < strata[i].size(); ++j) {
       if (strata[i][j].empty()) continue;
       v1::CrossValidatedPart& part = *proto.add_strata();
@@ -208,13 +216,14 @@ v1::CrossValidationReport MakeCrossValidationReport(const v1::CrossValidationPar
       tests[i].push_back({seed, &run.tests(static_cast<int>(i))});
     }
   }
-  AddSet(held_out, plan.recordings(), plan.seeds_size(), 1, options, *report.add_sets());
+  AddSet(held_out, plan.recordings(), plan.dataset_names(), plan.seeds_size(), 1, options,
+         *report.add_sets());
   for (size_t i = 0; i < tests.size(); ++i) {
     const v1::TestDataset& dataset = plan.test_datasets(static_cast<int>(i));
     v1::CrossValidatedSet& set = *report.add_sets();
     set.set_name(dataset.name());
     set.set_left_out(dataset.left_out());
-    AddSet(tests[i], dataset.recordings(), plan.seeds_size(), plan.folds(), options, set);
+    AddSet(tests[i], dataset.recordings(), {}, plan.seeds_size(), plan.folds(), options, set);
   }
   return report;
 }

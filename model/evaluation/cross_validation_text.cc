@@ -66,6 +66,7 @@ std::vector<std::string> Sorted(const google::protobuf::Map<std::string, Value>&
   }
   std::sort(ranked.begin(), ranked.end());
   std::vector<std::string> names;
+  names.reserve(ranked.size());
   for (auto& [_, name] : ranked) names.push_back(std::move(name));
   return names;
 }
@@ -124,10 +125,10 @@ Block Strata(const v1::CrossValidatedSet& set, const std::string& dimension,
   return block;
 }
 
-// Returns whether the set has targets of several types; only then are types shown.
-bool HasSeveralTypes(const v1::CrossValidatedSet& set) {
-  return std::ranges::count_if(set.strata(), [](const v1::CrossValidatedPart& part) {
-           return part.dimension() == "type";
+// Returns whether the set has several strata of a dimension, such as targets of several types.
+bool HasSeveral(const v1::CrossValidatedSet& set, std::string_view dimension) {
+  return std::ranges::count_if(set.strata(), [&](const v1::CrossValidatedPart& part) {
+           return part.dimension() == dimension;
          }) > 1;
 }
 
@@ -140,6 +141,7 @@ std::string VerdictText(const v1::RivalComparison& comparison) {
 // Returns the model's comparison with its rivals by one metric.
 Block Comparisons(const v1::CrossValidatedSet& set, const std::string& metric) {
   std::vector<std::string> titles;
+  titles.reserve(kRivals.size());
   for (const Rival& rival : kRivals) titles.emplace_back(rival.column);
   Block block(absl::StrCat("AHEAD BY ", metric, "?"), std::move(titles));
   const auto add = [&](const std::string& label, const v1::CrossValidatedPart& part) {
@@ -157,7 +159,7 @@ Block Comparisons(const v1::CrossValidatedSet& set, const std::string& metric) {
   add("all", set.overall());
   for (const v1::CrossValidatedPart& part : set.strata()) {
     if (part.dimension() == "speed" || part.dimension() == "class" ||
-        (part.dimension() == "type" && HasSeveralTypes(set))) {
+        part.dimension() == "dataset" || (part.dimension() == "type" && HasSeveral(set, "type"))) {
       add(part.name(), part);
     }
   }
@@ -187,7 +189,8 @@ std::string SetText(const v1::CrossValidatedSet& set, bool color) {
                                ModelRanges(set, "MEANING, OF EACH MODEL", /*of_model=*/true),
                                ModelRanges(set, "BASELINES, OF EACH MODEL", /*of_model=*/false),
                                Strata(set, "speed", "BY SPEED"), Strata(set, "class", "BY CLASS")};
-  if (HasSeveralTypes(set)) blocks.push_back(Strata(set, "type", "BY TYPE"));
+  if (HasSeveral(set, "type")) blocks.push_back(Strata(set, "type", "BY TYPE"));
+  blocks.push_back(Strata(set, "dataset", "BY DATASET"));
   for (const char* metric : {"ade_1", "fde_1", "ade_medoid", "min_ade_6", "min_fde_6", "nll"}) {
     blocks.push_back(Comparisons(set, metric));
   }

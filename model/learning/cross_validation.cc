@@ -17,6 +17,7 @@
 #include "model/data/recording_groups.h"
 #include "model/evaluation/evaluator.h"
 #include "model/evaluation/measured_set.h"
+#include "model/files/errno_status.h"
 #include "model/inference/action_model.h"
 #include "model/inference/anchor_model.h"
 #include "model/learning/trainer.h"
@@ -137,7 +138,7 @@ class FoldRunner {
     training.baselines = run_.baselines;
     training.data_memory = run_.data_memory;
     for (const std::filesystem::path& folder : run_.datasets) {
-      training.dataset_names.push_back(folder.filename().string());
+      training.dataset_names.push_back(files::NameOf(folder));
     }
     training.trainer_version = run_.trainer_version;
     training.progress = run_.progress;
@@ -275,6 +276,7 @@ absl::StatusOr<v1::CrossValidationPlan> PlanCrossValidation(const CrossValidatio
     const absl::StatusOr<v1::Dataset> manifest = data::ReadDatasetManifest(folder);
     if (!manifest.ok()) return manifest.status();
     plan.add_dataset_sha256(data::ContentSha256(*manifest));
+    plan.add_dataset_names(files::NameOf(folder));
   }
   const absl::StatusOr<GroupedFolders> learned_from = FindGroups(run, run.datasets);
   if (!learned_from.ok()) return learned_from.status();
@@ -287,6 +289,8 @@ absl::StatusOr<v1::CrossValidationPlan> PlanCrossValidation(const CrossValidatio
     recording.set_scenario_id(groups.ids[i]);
     recording.set_group(groups.groups[i]);
     recording.set_fold(folds->at(i));
+    recording.set_dataset(static_cast<int>(std::ranges::upper_bound(learned_from->ends, i) -
+                                           learned_from->ends.begin()));
   }
 
   if (run.test_datasets.empty()) return plan;

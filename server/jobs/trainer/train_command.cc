@@ -16,6 +16,7 @@
 #include "model/artifact/training_presets.h"
 #include "model/evaluation/cost_text.h"
 #include "model/evaluation/report_text.h"
+#include "model/files/errno_status.h"
 #include "model/learning/trainer.h"
 #include "server/jobs/trainer/data_memory_option.h"
 #include "server/jobs/trainer/dataset_measurement.h"
@@ -231,7 +232,7 @@ absl::Status TrainCommand::Train() const {
   run.dataset_names = dataset_names_;
   if (run.dataset_names.empty()) {
     for (const std::filesystem::path& folder : datasets_) {
-      run.dataset_names.push_back(folder.filename().string());
+      run.dataset_names.push_back(files::NameOf(folder));
     }
   }
   run.stopped = StopRequested;

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # maneuverd and the server in Python (server.py) under the same load, in turn, as a Markdown table:
 # 32 callers who each wait for their answer, on the servers' own machine. If the model reads no raster,
-# compares their answers first, and lets calls bring their map, then name a registered one.
+# compares their answers first (those in f32), and lets calls bring their map, then name a registered one.
 #
 #   tests/bench/peers/server.sh MODEL_FOLDER [DATASET_FOLDER]
 #
@@ -47,8 +47,11 @@ done
 maps=("")
 if ! grep -q '"raster"' "$model/model.json"; then
   maps=("" --register-maps)
-  [ -z "${2:-}" ] ||
+  if [ -z "${F32:-}" ] && grep -qw avx512_bf16 /proc/cpuinfo; then
+    echo "server.sh: maneuverd answers in bf16, so the answers are not compared; F32=1 compares them" >&2
+  elif [ -n "${2:-}" ]; then
     "$python" "$here/compare_answers.py" "${address[ours]}" "${address[${names[1]}]}" "$2" >&2
+  fi
 fi
 
 # processor NAME: seconds of processor time that a server has taken.

@@ -244,6 +244,56 @@ TEST_F(CrossValidationReportTest, StrataPartitionTheExamples) {
   EXPECT_EQ(set().strata(0).groups(), 133);
 }
 
+// Recordings 0 to 59 are of the first dataset: 20 of one example, 20 of two and 20 of three.
+TEST(CrossValidationDatasetsTest, HeldOutFoldsAreDividedByDataset) {
+  v1::CrossValidationPart part = Part({{1, 0}, {1, 1}});
+  for (const char* name : {"city", "motorway"}) part.mutable_plan()->add_dataset_names(name);
+  for (int i = 60; i < kRecordings; ++i) part.mutable_plan()->mutable_recordings(i)->set_dataset(1);
+  const auto whole = MergeParts({part});
+  ASSERT_TRUE(whole.ok()) << whole.status();
+  const auto report = MakeCrossValidationReport(*whole, {.resamples = 100});
+  std::vector<v1::CrossValidatedPart> datasets;
+  for (const v1::CrossValidatedPart& stratum : report.sets(0).strata()) {
+    if (stratum.dimension() == "dataset") datasets.push_back(stratum);
+  }
+  ASSERT_EQ(datasets.size(), 2u);
+  EXPECT_EQ(datasets[0].name(), "city");
+  EXPECT_EQ(datasets[0].groups(), 60);
+  EXPECT_EQ(datasets[0].examples(), 120);
+  EXPECT_EQ(datasets[1].name(), "motorway");
+  EXPECT_EQ(datasets[1].groups(), kRecordings - 60);
+  double sum = 0.0;
+  for (int i = 0; i < 60; ++i) sum += (i % 3 + 1) * (2.01 + 0.5 * NormalOf(i));
+  EXPECT_NEAR(datasets[0].metrics().at("ade_1").value(), sum / 120, 1e-12);
+  const std::string text = CrossValidationText(report, false);
+  EXPECT_THAT(text, HasSubstr("BY DATASET"));
+  EXPECT_THAT(text, HasSubstr("\nmotorway "));
+}
+
+TEST(CrossValidationDatasetsTest, OneDatasetIsNoStratum) {
+  v1::CrossValidationPart part = Part({{1, 0}, {1, 1}});
+  part.mutable_plan()->add_dataset_names("city");
+  const auto whole = MergeParts({part});
+  ASSERT_TRUE(whole.ok()) << whole.status();
+  const auto report = MakeCrossValidationReport(*whole, {.resamples = 100});
+  EXPECT_EQ(report.sets(0).strata_size(), 2);  // slow and fast
+  EXPECT_EQ(CrossValidationText(report, false).find("BY DATASET"), std::string::npos);
+}
+
+TEST(CrossValidationDatasetsTest, PartsOfMachinesThatNameADatasetDifferentlyMerge) {
+  v1::CrossValidationPart one = Part({{1, 0}});
+  v1::CrossValidationPart other = Part({{1, 1}});
+  one.mutable_plan()->add_dataset_names("city");
+  other.mutable_plan()->add_dataset_names("town");
+  const auto whole = MergeParts({one, other});
+  ASSERT_TRUE(whole.ok()) << whole.status();
+  EXPECT_EQ(whole->plan().dataset_names(0), "city");
+  one.mutable_plan()->mutable_recordings(3)->set_dataset(1);
+  other.mutable_plan()->mutable_recordings(3)->set_dataset(1);
+  EXPECT_THAT(MergeError({one, other}, absl::StatusCode::kDataLoss),
+              HasSubstr("recording 3 is of a dataset that has no name"));
+}
+
 TEST_F(CrossValidationReportTest, MetricsOfWholeSetsHaveTheRangeOverModels) {
   const v1::ModelRange& range = set().set_metrics().at("mutual_information");
   EXPECT_DOUBLE_EQ(range.smallest(), 1.1);

@@ -89,6 +89,17 @@ class CrossValidationTest : public testing::Test {
   CrossValidation run_;
 };
 
+TEST_F(CrossValidationTest, ThePlanSaysWhichDatasetEachRecordingIsOf) {
+  run_.datasets = {folder_ / "drives", folder_ / "others"};
+  const auto plan = PlanCrossValidation(run_);
+  ASSERT_TRUE(plan.ok()) << plan.status();
+  EXPECT_THAT(plan->dataset_names(), testing::ElementsAre("drives", "others"));
+  ASSERT_EQ(plan->recordings_size(), kRecordings + 8);
+  for (const v1::GroupedRecording& recording : plan->recordings()) {
+    EXPECT_EQ(recording.dataset(), recording.scenario_id().starts_with("other-") ? 1 : 0);
+  }
+}
+
 TEST_F(CrossValidationTest, MeasuresEachRecordingOnceByAModelThatNeverSawItsPlace) {
   run_.test_datasets = {{"others", folder_ / "others"}};
   const auto plan = PlanCrossValidation(run_);
