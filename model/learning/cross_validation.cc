@@ -17,7 +17,6 @@
 #include "model/data/recording_groups.h"
 #include "model/evaluation/evaluator.h"
 #include "model/evaluation/measured_set.h"
-#include "model/files/errno_status.h"
 #include "model/inference/action_model.h"
 #include "model/inference/anchor_model.h"
 #include "model/learning/trainer.h"
@@ -137,9 +136,7 @@ class FoldRunner {
     training.output = output;
     training.baselines = run_.baselines;
     training.data_memory = run_.data_memory;
-    for (const std::filesystem::path& folder : run_.datasets) {
-      training.dataset_names.push_back(files::NameOf(folder));
-    }
+    training.dataset_names = run_.dataset_names;
     training.trainer_version = run_.trainer_version;
     training.progress = run_.progress;
     training.stopped = run_.stopped;
@@ -276,8 +273,8 @@ absl::StatusOr<v1::CrossValidationPlan> PlanCrossValidation(const CrossValidatio
     const absl::StatusOr<v1::Dataset> manifest = data::ReadDatasetManifest(folder);
     if (!manifest.ok()) return manifest.status();
     plan.add_dataset_sha256(data::ContentSha256(*manifest));
-    plan.add_dataset_names(files::NameOf(folder));
   }
+  plan.mutable_dataset_names()->Add(run.dataset_names.begin(), run.dataset_names.end());
   const absl::StatusOr<GroupedFolders> learned_from = FindGroups(run, run.datasets);
   if (!learned_from.ok()) return learned_from.status();
   const data::RecordingGroups& groups = learned_from->groups;

@@ -32,6 +32,8 @@ struct CrossValidation {
   v1::TrainingSettings settings;
   // Dataset folders to learn from and to measure.
   std::vector<std::filesystem::path> datasets;
+  // Their names, for the report and the models' provenance; as many.
+  std::vector<std::string> dataset_names;
   std::vector<NamedDataset> test_datasets;
   int folds = 5;
   int64_t fold_seed = 1;

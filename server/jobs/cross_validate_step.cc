@@ -52,7 +52,8 @@ std::vector<std::string> CrossValidateArguments(const v1::CrossValidateRequest& 
     arguments.insert(arguments.end(), {"--seeds", absl::StrJoin(request.seeds(), ",")});
   }
   for (const std::string& dataset : request.datasets()) {
-    arguments.insert(arguments.end(), {"--dataset", folder_of(dataset)});
+    arguments.insert(arguments.end(), {"--dataset", folder_of(dataset), "--dataset-name",
+                                       std::string(absl::StripPrefix(dataset, "datasets/"))});
   }
   for (const std::string& dataset : request.test_datasets()) {
     const std::string name(absl::StripPrefix(dataset, "datasets/"));

@@ -18,6 +18,7 @@
 #include "model/evaluation/cross_validation_report.h"
 #include "model/evaluation/cross_validation_text.h"
 #include "model/files/durable_file.h"
+#include "model/files/errno_status.h"
 #include "server/jobs/trainer/data_memory_option.h"
 #include "server/jobs/trainer/fold_files.h"
 #include "server/jobs/trainer/progress_display.h"
@@ -196,6 +197,10 @@ CrossValidateCommand::CrossValidateCommand(CLI::App& app)
   command_->add_option("--dataset", datasets_, "Dataset folders to learn from and to measure")
       ->type_name("FOLDER");
   command_
+      ->add_option("--dataset-name", dataset_names_,
+                   "Names of the datasets for the report (default: the folders')")
+      ->type_name("NAME");
+  command_
       ->add_option("--test-dataset", test_datasets_,
                    "Also measure every model on this dataset; none learns from it; may be "
                    "repeated")
@@ -297,6 +302,16 @@ absl::StatusOr<learning::CrossValidation> CrossValidateCommand::Prepare() const 
         absl::StrCat("settings: ", violations.front().field, " ", violations.front().description));
   }
   run.datasets = datasets_;
+  run.dataset_names = dataset_names_;
+  if (run.dataset_names.empty()) {
+    for (const std::filesystem::path& folder : datasets_) {
+      run.dataset_names.push_back(files::NameOf(folder));
+    }
+  }
+  if (run.dataset_names.size() != datasets_.size()) {
+    return absl::InvalidArgumentError(absl::StrCat("--dataset-name names ", dataset_names_.size(),
+                                                   " of ", datasets_.size(), " datasets"));
+  }
   for (const std::string& text : test_datasets_) {
     absl::StatusOr<learning::NamedDataset> test = ParseTestDataset(text);
     if (!test.ok()) return test.status();

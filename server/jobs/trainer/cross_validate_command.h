@@ -34,6 +34,7 @@ class CrossValidateCommand {
   CLI::App* command_;
   std::filesystem::path settings_;
   std::vector<std::filesystem::path> datasets_;
+  std::vector<std::string> dataset_names_;  // empty: those of the folders
   std::vector<std::string> test_datasets_;  // NAME=FOLDER
   int folds_ = 5;
   int64_t fold_seed_ = 1;

@@ -79,6 +79,7 @@ class CrossValidationTest : public testing::Test {
     optimization.set_joint_epochs(1);
     optimization.set_posterior_epochs(1);
     run_.datasets = {folder_ / "drives"};
+    run_.dataset_names = {"drives"};
     run_.folds = 2;
     run_.seeds = {7};
     run_.models = folder_ / "models";
@@ -91,6 +92,7 @@ class CrossValidationTest : public testing::Test {
 
 TEST_F(CrossValidationTest, ThePlanSaysWhichDatasetEachRecordingIsOf) {
   run_.datasets = {folder_ / "drives", folder_ / "others"};
+  run_.dataset_names = {"drives", "others"};
   const auto plan = PlanCrossValidation(run_);
   ASSERT_TRUE(plan.ok()) << plan.status();
   EXPECT_THAT(plan->dataset_names(), testing::ElementsAre("drives", "others"));

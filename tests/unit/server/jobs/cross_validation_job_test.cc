@@ -53,6 +53,7 @@ TEST_F(CrossValidationJobTest, StoresItsReportInTheJobAndPublishesNothing) {
   const std::string arguments = Text("arguments");
   EXPECT_THAT(arguments, HasSubstr("cross-validate --settings"));
   EXPECT_THAT(arguments, HasSubstr("--folds 4 --fold-seed 1 --seeds 3,7 --dataset "));
+  EXPECT_THAT(arguments, HasSubstr("--dataset-name town "));
   EXPECT_THAT(arguments, HasSubstr("--test-dataset village=/"));
   EXPECT_FALSE(std::filesystem::exists(FolderOf(job) / "output"));
 }
