@@ -812,6 +812,21 @@ TEST_F(ServerTest, AnInvalidAnswerFailsOnlyItsTarget) {
   EXPECT_EQ(target.distributions_size(), 0);
 }
 
+// Actions that only a combination names are described later than the others.
+TEST_F(ServerTest, AnInvalidActionOfACombinationFailsItsTarget) {
+  Publish();
+  networks_.unsound_action = 2;
+  v1::PredictRequest request = OneScene();
+  request.mutable_query()->set_top_k(1);
+  v1::PredictResponse response;
+  ASSERT_TRUE(Predict(request, &response).ok());
+  EXPECT_FALSE(response.predictions(0).targets(0).has_error());
+  request.mutable_query()->set_joint_combinations(2);
+  ASSERT_TRUE(Predict(request, &response).ok());
+  EXPECT_EQ(response.predictions(0).targets(0).error().code(), 13);
+  EXPECT_EQ(response.predictions(0).targets(0).distributions_size(), 0);
+}
+
 TEST_F(ServerTest, ATakenPortIsAnError) {
   const auto second = Server::Start(
       server_->address(), {{v1::PredictionService::service_full_name(), predictions_.get()}},
