@@ -910,6 +910,25 @@ TEST_F(ServerTest, ClosesConnectionsIfThereAreTooManyAndAnswersOnTheOthers) {
   EXPECT_EQ(left.Read(1, std::chrono::seconds(20), true).messages, 1);
 }
 
+TEST_F(ServerTest, ClosesAConnectionWithTooManyCalls) {
+  Publish();
+  const auto server = Server::Start(
+      {"127.0.0.1", 0}, {{v1::PredictionService::service_full_name(), predictions_.get()}},
+      *access_, *metrics_, nullptr, {.max_streams = 2});
+  ASSERT_TRUE(server.ok()) << server.status();
+  integration::RawHttp2 caller((*server)->address().ToString());
+  caller.SendPreface();
+  caller.SendSettings();
+  // The limit holds once the peer has acknowledged the server's settings, as Read does.
+  caller.OpenCall(1, "/maneuver.v1.PredictionService/Predict");
+  caller.SendMessage(1, OneScene().SerializeAsString());
+  ASSERT_EQ(caller.Read(1, std::chrono::seconds(20), true).messages, 1);
+  for (const int stream : {3, 5, 7}) {
+    caller.OpenCall(stream, "/maneuver.v1.PredictionService/Predict");
+  }
+  EXPECT_TRUE(caller.Read(1, std::chrono::seconds(20), true).closed);
+}
+
 // A client of gRPC says 27,000 hours at most, three years.
 TEST_F(ServerTest, AcceptsADeadlineCenturiesAhead) {
   Publish();
