@@ -82,8 +82,10 @@ void RawHttp2::SendSettingsWithoutFlowControl() {
   SendFrame(kWindowUpdate, 0, 0, BigEndian(kLargest - kInitial, 4));
 }
 
-void RawHttp2::OpenCall(int stream, const std::string& method, int filling) {
+void RawHttp2::OpenCall(int stream, const std::string& method, int filling,
+                        const std::string& timeout) {
   std::string more;
+  if (!timeout.empty()) more += Header("grpc-timeout", timeout);
   for (int i = 0; i < filling; ++i)
     more += Header("x-filling-" + std::to_string(i), std::string(84, 'f'));
   SendFrame(kHeaders, kEndHeaders, stream,

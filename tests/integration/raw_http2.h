@@ -28,7 +28,9 @@ class RawHttp2 {
   // Opens a call of a method, "/package.Service/Method", without a message.
   //   stream: 1, 3, 5, ...
   //   filling: number of meaningless headers of 100 bytes, sent beside the call's own; at most 130
-  void OpenCall(int stream, const std::string& method, int filling = 0);
+  //   timeout: of the call, such as 99999999H
+  void OpenCall(int stream, const std::string& method, int filling = 0,
+                const std::string& timeout = "");
   // Sends a complete message of at most 16 kB.
   //   declared: the length that its header states
   void SendMessage(int stream, const std::string& message, size_t declared);

@@ -205,11 +205,15 @@ TEST_F(PredictStreamTest, AStreamOpenedAfterTheDrainEndsAtOnce) {
   EXPECT_EQ(stream->Finish().error_code(), grpc::StatusCode::UNAVAILABLE);
 }
 
-// More than the windows of HTTP/2 let through.
+// More than the windows of HTTP/2 let through, as long as they do not grow.
 TEST_F(PredictStreamTest, UnreadAnswersCountAsMemoryUntilTheyAreRead) {
   Publish();
+  grpc::ChannelArguments small_windows;
+  small_windows.SetInt(GRPC_ARG_HTTP2_BDP_PROBE, 0);
+  const auto stub = v1::PredictionService::NewStub(grpc::CreateCustomChannel(
+      server_->address().ToString(), grpc::InsecureChannelCredentials(), small_windows));
   grpc::ClientContext context;
-  auto stream = stub_->StreamPredict(&context);
+  auto stream = stub->StreamPredict(&context);
   v1::StreamPredictRequest request;
   *request.mutable_request() = OneScene();
   for (int64_t id = 1000; id < 1500; ++id) {

@@ -812,6 +812,21 @@ TEST_F(ServerTest, AnInvalidAnswerFailsOnlyItsTarget) {
   EXPECT_EQ(target.distributions_size(), 0);
 }
 
+// Actions that only a combination names are described later than the others.
+TEST_F(ServerTest, AnInvalidActionOfACombinationFailsItsTarget) {
+  Publish();
+  networks_.unsound_action = 2;
+  v1::PredictRequest request = OneScene();
+  request.mutable_query()->set_top_k(1);
+  v1::PredictResponse response;
+  ASSERT_TRUE(Predict(request, &response).ok());
+  EXPECT_FALSE(response.predictions(0).targets(0).has_error());
+  request.mutable_query()->set_joint_combinations(2);
+  ASSERT_TRUE(Predict(request, &response).ok());
+  EXPECT_EQ(response.predictions(0).targets(0).error().code(), 13);
+  EXPECT_EQ(response.predictions(0).targets(0).distributions_size(), 0);
+}
+
 TEST_F(ServerTest, ATakenPortIsAnError) {
   const auto second = Server::Start(
       server_->address(), {{v1::PredictionService::service_full_name(), predictions_.get()}},
@@ -895,15 +910,37 @@ TEST_F(ServerTest, ClosesConnectionsIfThereAreTooManyAndAnswersOnTheOthers) {
   EXPECT_EQ(left.Read(1, std::chrono::seconds(20), true).messages, 1);
 }
 
+TEST_F(ServerTest, ClosesAConnectionWithTooManyCalls) {
+  Publish();
+  const auto server = Server::Start(
+      {"127.0.0.1", 0}, {{v1::PredictionService::service_full_name(), predictions_.get()}},
+      *access_, *metrics_, nullptr, {.max_streams = 2});
+  ASSERT_TRUE(server.ok()) << server.status();
+  integration::RawHttp2 caller((*server)->address().ToString());
+  caller.SendPreface();
+  caller.SendSettings();
+  // The limit holds once the peer has acknowledged the server's settings, as Read does.
+  caller.OpenCall(1, "/maneuver.v1.PredictionService/Predict");
+  caller.SendMessage(1, OneScene().SerializeAsString());
+  ASSERT_EQ(caller.Read(1, std::chrono::seconds(20), true).messages, 1);
+  for (const int stream : {3, 5, 7}) {
+    caller.OpenCall(stream, "/maneuver.v1.PredictionService/Predict");
+  }
+  EXPECT_TRUE(caller.Read(1, std::chrono::seconds(20), true).closed);
+}
+
+// A client of gRPC says 27,000 hours at most, three years.
 TEST_F(ServerTest, AcceptsADeadlineCenturiesAhead) {
   Publish();
-  for (const int64_t hours : {int64_t{2'562'047}, int64_t{99'999'999}}) {
-    grpc::ClientContext context;
-    context.set_deadline(
-        gpr_time_add(gpr_now(GPR_CLOCK_REALTIME), gpr_time_from_hours(hours, GPR_TIMESPAN)));
-    v1::PredictResponse response;
-    const grpc::Status status = stub_->Predict(&context, OneScene(), &response);
-    EXPECT_TRUE(status.ok()) << hours << " h: " << status.error_message();
+  integration::RawHttp2 caller(server_->address().ToString());
+  caller.SendPreface();
+  caller.SendSettings();
+  int stream = 1;
+  for (const char* timeout : {"2562047H", "99999999H"}) {
+    caller.OpenCall(stream, "/maneuver.v1.PredictionService/Predict", 0, timeout);
+    caller.SendMessage(stream, OneScene().SerializeAsString());
+    EXPECT_EQ(caller.Read(1, std::chrono::seconds(20), true).messages, 1) << timeout;
+    stream += 2;
   }
 }
 

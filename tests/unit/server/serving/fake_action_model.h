@@ -7,6 +7,7 @@
 #include <atomic>
 #include <condition_variable>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <numeric>
@@ -64,7 +65,8 @@ class FakeNetworks {
 
   // What the model says. Set them before the first call.
   Eigen::VectorXd probabilities = Eigen::Vector3d(0.2, 0.5, 0.3);
-  double ahead = 0.0;  // metres that every waypoint is further along x
+  double ahead = 0.0;       // metres that every waypoint is further along x
+  int unsound_action = -1;  // its covariances are no numbers
 
   // Called when a worker gets itself an engine: after the queue, before any raster. Set it before
   // the first call.
@@ -126,6 +128,9 @@ class FakeSession final : public inference::InferenceSession {
       answer.moment_mean = Mean(action, encoding);
       answer.sigma = {answer.moment_mean};
       answer.moment_covariance.setZero(2, 3);
+      if (action == networks_.unsound_action) {
+        answer.moment_covariance.setConstant(std::numeric_limits<double>::quiet_NaN());
+      }
       answers.push_back(std::move(answer));
     }
     return answers;
