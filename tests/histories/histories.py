@@ -791,8 +791,9 @@ class Run:
         for folder in ("models", "datasets"):
             left = [path for path in (self.server.data / folder).glob("**/.*.tmp-*")]
             require(not left, f"left half written: {left}")
-        left = list((self.server.data / "tags").glob(".*.tmp-*"))
-        require(not left, f"left half written: {left}")
+        # A tagging that goes on makes its tags again if they were deleted, by a folder that it then moves.
+        left = set((self.server.data / "tags").glob(".*.tmp-*"))
+        wait_for(lambda: not left & set((self.server.data / "tags").glob(".*.tmp-*")), f"half written, {left} go")
 
     def settle(self):
         """Every job ends, on a sound machine."""
