@@ -27,14 +27,6 @@ absl::Status Contradiction(const v1::FoldRun& run, const std::string& what) {
   return absl::DataLossError(absl::StrCat(Describe(run), ": ", what));
 }
 
-bool SamePlan(v1::CrossValidationPlan a, v1::CrossValidationPlan b) {
-  for (v1::CrossValidationPlan* plan : {&a, &b}) {
-    plan->clear_seeds();
-    plan->clear_dataset_names();  // machines may call the same dataset differently
-  }
-  return MessageDifferencer::Equals(a, b);
-}
-
 absl::Status CheckSet(const v1::FoldRun& run, const v1::MeasuredSet& set,
                       const Recordings& recordings) {
   for (const v1::MeasuredExample& example : set.examples()) {
@@ -143,6 +135,15 @@ absl::Status CheckSameExamples(const std::map<RunKey, v1::FoldRun>& runs) {
 }
 
 }  // namespace
+
+bool SamePlan(v1::CrossValidationPlan a, v1::CrossValidationPlan b) {
+  for (v1::CrossValidationPlan* plan : {&a, &b}) {
+    plan->clear_seeds();
+    plan->clear_dataset_names();
+    for (v1::GroupedRecording& recording : *plan->mutable_recordings()) recording.clear_dataset();
+  }
+  return MessageDifferencer::Equals(a, b);
+}
 
 absl::StatusOr<v1::CrossValidationPart> MergeParts(std::vector<v1::CrossValidationPart> parts) {
   if (parts.empty()) return absl::InvalidArgumentError("there is no part to merge");

@@ -18,8 +18,8 @@
 #include "model/evaluation/cross_validation_report.h"
 #include "model/evaluation/cross_validation_text.h"
 #include "model/files/durable_file.h"
-#include "model/files/errno_status.h"
 #include "server/jobs/trainer/data_memory_option.h"
+#include "server/jobs/trainer/dataset_names.h"
 #include "server/jobs/trainer/fold_files.h"
 #include "server/jobs/trainer/progress_display.h"
 #include "server/jobs/trainer/settings_file.h"
@@ -302,16 +302,9 @@ absl::StatusOr<learning::CrossValidation> CrossValidateCommand::Prepare() const 
         absl::StrCat("settings: ", violations.front().field, " ", violations.front().description));
   }
   run.datasets = datasets_;
-  run.dataset_names = dataset_names_;
-  if (run.dataset_names.empty()) {
-    for (const std::filesystem::path& folder : datasets_) {
-      run.dataset_names.push_back(files::NameOf(folder));
-    }
-  }
-  if (run.dataset_names.size() != datasets_.size()) {
-    return absl::InvalidArgumentError(absl::StrCat("--dataset-name names ", dataset_names_.size(),
-                                                   " of ", datasets_.size(), " datasets"));
-  }
+  absl::StatusOr<std::vector<std::string>> names = DatasetNames(dataset_names_, datasets_);
+  if (!names.ok()) return names.status();
+  run.dataset_names = *std::move(names);
   for (const std::string& text : test_datasets_) {
     absl::StatusOr<learning::NamedDataset> test = ParseTestDataset(text);
     if (!test.ok()) return test.status();

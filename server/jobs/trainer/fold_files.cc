@@ -1,11 +1,11 @@
 #include "server/jobs/trainer/fold_files.h"
 
-#include <google/protobuf/util/message_differencer.h>
-
+#include <algorithm>
 #include <string>
 #include <system_error>
 
 #include "absl/strings/str_cat.h"
+#include "model/evaluation/cross_validation_parts.h"
 #include "model/files/durable_file.h"
 
 namespace maneuver::trainer {
@@ -36,7 +36,8 @@ absl::StatusOr<FoldFiles> FoldFiles::Open(std::filesystem::path folder,
       return absl::DataLossError(
           absl::StrCat("checkpoint-", files.files_ + 1, " is damaged; remove it to go on"));
     }
-    if (!google::protobuf::util::MessageDifferencer::Equals(part.plan(), files.plan_)) {
+    if (!evaluation::SamePlan(part.plan(), files.plan_) ||
+        !std::ranges::equal(part.plan().seeds(), files.plan_.seeds())) {
       return absl::DataLossError(
           absl::StrCat("checkpoint-", files.files_ + 1,
                        " is of other settings, datasets, folds or seeds; name an empty folder"));

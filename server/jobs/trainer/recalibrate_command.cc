@@ -11,6 +11,7 @@
 #include "model/evaluation/report_text.h"
 #include "model/learning/recalibration.h"
 #include "server/jobs/trainer/data_memory_option.h"
+#include "server/jobs/trainer/dataset_names.h"
 #include "server/jobs/trainer/progress_display.h"
 #include "server/jobs/trainer/settings_file.h"
 #include "server/jobs/trainer/stop_signal.h"
@@ -70,12 +71,9 @@ absl::Status RecalibrateCommand::Recalibrate() const {
   run.model_name = model_name_.empty() ? model_.filename().string() : model_name_;
   run.output = output_;
   run.examples = artifact::ResolveTrainingSettings(settings).examples();
-  run.dataset_names = dataset_names_;
-  if (run.dataset_names.empty()) {
-    for (const std::filesystem::path& folder : datasets_) {
-      run.dataset_names.push_back(folder.filename().string());
-    }
-  }
+  absl::StatusOr<std::vector<std::string>> names = DatasetNames(dataset_names_, datasets_);
+  if (!names.ok()) return names.status();
+  run.dataset_names = *std::move(names);
   run.trainer_version = MANEUVER_VERSION;
   run.threads = threads_;
   run.data_memory = data_memory_;

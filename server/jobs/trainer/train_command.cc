@@ -16,10 +16,10 @@
 #include "model/artifact/training_presets.h"
 #include "model/evaluation/cost_text.h"
 #include "model/evaluation/report_text.h"
-#include "model/files/errno_status.h"
 #include "model/learning/trainer.h"
 #include "server/jobs/trainer/data_memory_option.h"
 #include "server/jobs/trainer/dataset_measurement.h"
+#include "server/jobs/trainer/dataset_names.h"
 #include "server/jobs/trainer/progress_display.h"
 #include "server/jobs/trainer/rank_launcher.h"
 #include "server/jobs/trainer/settings_file.h"
@@ -229,12 +229,9 @@ absl::Status TrainCommand::Train() const {
       .kept = checkpoints_kept_};
   run.least_effective_actions = least_actions_;
   run.trainer_version = MANEUVER_VERSION;
-  run.dataset_names = dataset_names_;
-  if (run.dataset_names.empty()) {
-    for (const std::filesystem::path& folder : datasets_) {
-      run.dataset_names.push_back(files::NameOf(folder));
-    }
-  }
+  absl::StatusOr<std::vector<std::string>> names = DatasetNames(dataset_names_, datasets_);
+  if (!names.ok()) return names.status();
+  run.dataset_names = *std::move(names);
   run.stopped = StopRequested;
   if (leads) run.seconds_after = SecondsAfter();
   const ProgressDisplay::Style style =

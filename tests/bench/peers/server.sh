@@ -47,9 +47,11 @@ done
 maps=("")
 if ! grep -q '"raster"' "$model/model.json"; then
   maps=("" --register-maps)
-  if [ -z "${F32:-}" ] && grep -qw avx512_bf16 /proc/cpuinfo; then
+  if [ -z "${2:-}" ]; then
+    :  # no scenes to compare
+  elif [ -z "${F32:-}" ] && grep -qw avx512_bf16 /proc/cpuinfo; then
     echo "server.sh: maneuverd answers in bf16, so the answers are not compared; F32=1 compares them" >&2
-  elif [ -n "${2:-}" ]; then
+  else
     "$python" "$here/compare_answers.py" "${address[ours]}" "${address[${names[1]}]}" "$2" >&2
   fi
 fi

@@ -288,6 +288,14 @@ TEST(CrossValidationDatasetsTest, PartsOfMachinesThatNameADatasetDifferentlyMerg
   const auto whole = MergeParts({one, other});
   ASSERT_TRUE(whole.ok()) << whole.status();
   EXPECT_EQ(whole->plan().dataset_names(0), "city");
+  // As an older program writes it: no names, and every recording of dataset 0.
+  v1::CrossValidationPart older = Part({{1, 1}});
+  one.mutable_plan()->add_dataset_names("motorway");
+  one.mutable_plan()->mutable_recordings(3)->set_dataset(1);
+  EXPECT_TRUE(SamePlan(one.plan(), older.plan()));
+  EXPECT_TRUE(MergeParts({one, older}).ok());
+  EXPECT_TRUE(MergeParts({older, one}).ok());
+  one.mutable_plan()->mutable_dataset_names()->RemoveLast();
   one.mutable_plan()->mutable_recordings(3)->set_dataset(1);
   other.mutable_plan()->mutable_recordings(3)->set_dataset(1);
   EXPECT_THAT(MergeError({one, other}, absl::StatusCode::kDataLoss),
