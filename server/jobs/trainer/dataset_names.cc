@@ -13,8 +13,8 @@ absl::StatusOr<std::vector<std::string>> DatasetNames(
     for (const std::filesystem::path& folder : folders) names.push_back(files::NameOf(folder));
   }
   if (names.size() == folders.size()) return names;
-  return absl::InvalidArgumentError(
-      absl::StrCat("--dataset-name names ", names.size(), " of ", folders.size(), " datasets"));
+  return absl::InvalidArgumentError(absl::StrCat("--dataset-name: ", names.size(), " names for ",
+                                                 folders.size(), " folders of --dataset"));
 }
 
 }  // namespace maneuver::trainer
