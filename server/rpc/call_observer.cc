@@ -7,6 +7,7 @@
 #include <chrono>
 #include <random>
 #include <string_view>
+#include <utility>
 
 #include "server/rpc/call_log.h"
 #include "server/rpc/call_metrics.h"
@@ -30,21 +31,28 @@ absl::Status Malformed() {
 // Lives as long as its call. Reads and writes of a stream come from several threads.
 class CallInterceptor final : public grpc::experimental::Interceptor {
  public:
-  CallInterceptor(MethodMetrics& metrics, CallLog& log, ServerRpcInfo::Type type)
+  CallInterceptor(MethodMetrics& metrics, CallLog& log, OpenCalls& open, ServerRpcInfo& call)
       : metrics_(metrics),
         log_(log),
-        type_(type),
+        open_(open),
+        call_(call),
         is_method_(metrics.name() != kUnknownMethod),
         start_(Clock::now()) {
     metrics_.Begin();
   }
   // A call that broke off before it was given a status was cancelled.
-  ~CallInterceptor() override { End(grpc::StatusCode::CANCELLED); }
+  ~CallInterceptor() override {
+    End(grpc::StatusCode::CANCELLED);
+    Close();
+  }
 
   void Intercept(InterceptorBatchMethods* batch) override {
     if (batch->QueryInterceptionHookPoint(InterceptionHookPoints::POST_RECV_INITIAL_METADATA)) {
       Introduce(*batch->GetRecvInitialMetadata());
+      peer_ = call_.server_context()->peer();
+      begun_ = open_.Begin(peer_);
     }
+    if (batch->QueryInterceptionHookPoint(InterceptionHookPoints::POST_RECV_CLOSE)) Close();
     if (metrics_.of_contract()) CountBytes(*batch);
     if (batch->QueryInterceptionHookPoint(InterceptionHookPoints::PRE_SEND_STATUS)) {
       grpc::StatusCode counted = batch->GetSendStatus().error_code();
@@ -100,7 +108,7 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
   // PredictStream), parsed in an upload.
   size_t SizeOf(void* message) const {
     if (message == nullptr) return 0;  // the end of the stream
-    if (type_ == ServerRpcInfo::Type::BIDI_STREAMING) {
+    if (call_.type() == ServerRpcInfo::Type::BIDI_STREAMING) {
       return static_cast<grpc::ByteBuffer*>(message)->Length();
     }
     return static_cast<google::protobuf::MessageLite*>(message)->ByteSizeLong();
@@ -118,11 +126,19 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
                origin_);
   }
 
+  // The call counts as open until here.
+  void Close() {
+    if (!peer_.empty()) open_.End(std::exchange(peer_, ""), begun_);
+  }
+
   MethodMetrics& metrics_;
   CallLog& log_;
-  const ServerRpcInfo::Type type_;
+  OpenCalls& open_;
+  ServerRpcInfo& call_;
   const bool is_method_;  // of this server
   std::atomic<Clock::time_point> start_;
+  std::string peer_;  // while the call counts as open
+  int64_t begun_ = 0;
   CallOrigin origin_;  // set before anything else of the call happens
   std::atomic<int64_t> received_ = 0;
   std::atomic<int64_t> sent_ = 0;
@@ -133,24 +149,25 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
 class CallObserver final : public grpc::experimental::ServerInterceptorFactoryInterface {
  public:
   CallObserver(monitoring::MetricRegistry& metrics, const std::vector<std::string>& methods,
-               const std::vector<std::string>& others)
-      : metrics_(metrics, methods, others), log_(std::random_device()()) {}
+               const std::vector<std::string>& others, OpenCalls& open)
+      : metrics_(metrics, methods, others), log_(std::random_device()()), open_(open) {}
 
   grpc::experimental::Interceptor* CreateServerInterceptor(ServerRpcInfo* info) override {
-    return new CallInterceptor(metrics_.Find(info->method()), log_, info->type());
+    return new CallInterceptor(metrics_.Find(info->method()), log_, open_, *info);
   }
 
  private:
   CallMetrics metrics_;
   CallLog log_;
+  OpenCalls& open_;
 };
 
 }  // namespace
 
 std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface> ObserveCalls(
     monitoring::MetricRegistry& metrics, const std::vector<std::string>& methods,
-    const std::vector<std::string>& others) {
-  return std::make_unique<CallObserver>(metrics, methods, others);
+    const std::vector<std::string>& others, OpenCalls& open) {
+  return std::make_unique<CallObserver>(metrics, methods, others, open);
 }
 
 }  // namespace maneuver::rpc

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "server/monitoring/metrics.h"
+#include "server/rpc/open_calls.h"
 
 namespace maneuver::rpc {
 
@@ -18,10 +19,11 @@ namespace maneuver::rpc {
 // (call_log.h). Every answer carries its request id as the trailer x-request-id.
 //   methods: all methods of the guarded services, such as "/maneuver.v1.PredictionService/Predict".
 //   others: further methods of the server; any other is unknown
-// `metrics` outlives the server.
+//   open: counts the calls until gRPC has closed their streams
+// `metrics` and `open` outlive the server.
 std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface> ObserveCalls(
     monitoring::MetricRegistry& metrics, const std::vector<std::string>& methods,
-    const std::vector<std::string>& others);
+    const std::vector<std::string>& others, OpenCalls& open);
 
 }  // namespace maneuver::rpc
 

@@ -86,6 +86,19 @@ void CutOffConnections(int port) {
   ForEachConnection(port, [](int descriptor) { shutdown(descriptor, SHUT_RDWR); });
 }
 
+int CutOffConnections(int port, const std::set<std::string>& peers) {
+  int cut = 0;
+  if (peers.empty()) return cut;
+  ForEachConnection(port, [&peers, &cut](int descriptor) {
+    // gRPC may need a while to close those that were cut off before.
+    if (InfoOf(descriptor).tcpi_state != kEstablished) return;
+    if (!peers.contains(PeerOfConnection(descriptor))) return;
+    shutdown(descriptor, SHUT_RDWR);
+    ++cut;
+  });
+  return cut;
+}
+
 int64_t ReceivedByPeer::Bytes(const std::string& peer) {
   auto known = descriptors_.find(peer);
   // A descriptor may be that of another connection by now.

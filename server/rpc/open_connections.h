@@ -16,6 +16,9 @@ namespace maneuver::rpc {
 // Shuts down, in both directions, every TCP connection that was accepted on `port`. Both ends then
 // see a broken connection.
 void CutOffConnections(int port);
+// The same for those of `peers`, as gRPC names them: "ipv4:127.0.0.1:4567". Returns how many it shut
+// down, without those that were shut down before.
+int CutOffConnections(int port, const std::set<std::string>& peers);
 
 // Tells how much a connection of a port has received, by its caller. Not thread-safe.
 class ReceivedByPeer {

@@ -179,6 +179,8 @@ absl::Status PredictStream::Start(const std::shared_ptr<Entry>& entry) {
 }
 
 void PredictStream::Answered(std::shared_ptr<Entry> entry, const absl::Status& status) {
+  // This may be the last request of the stream, which gRPC can finish as soon as the lock is released.
+  const std::shared_ptr<PredictStream> self = shared_from_this();
   v1::StreamPredictResponse& response = entry->messages->response;
   if (!status.ok()) *response.mutable_error() = errors::ToProto(status);
   grpc::ByteBuffer bytes;

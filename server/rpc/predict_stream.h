@@ -78,8 +78,7 @@ class PredictStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grp
   };
   // Returns what the state allows next. Call it under the same lock as the change of state.
   Step NextStep() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  // Carries out a step. Call it without the lock, because gRPC may call back at once. The stream
-  // may already be deleted if the step is empty.
+  // Carries out a step. Call it without the lock, because gRPC may call back at once.
   void Take(const Step& step) ABSL_LOCKS_EXCLUDED(mutex_);
 
   PredictionContext& context_;

@@ -16,6 +16,7 @@
 #include "server/rpc/call_observer.h"
 #include "server/rpc/health.h"
 #include "server/rpc/message_gate.h"
+#include "server/rpc/open_calls.h"
 #include "server/rpc/open_connections.h"
 #include "server/rpc/reflection.h"
 #include "server/rpc/small_messages.h"
@@ -27,6 +28,9 @@ constexpr std::chrono::milliseconds kPatience{500};  // with callers who do not 
 
 // Beats come three times a second; under full load some are late.
 constexpr std::chrono::seconds kLongestSilence{10};
+
+// A peer with more than so many times --max-streams old calls ignores the limit.
+constexpr int kFarTooMany = 2;
 
 constexpr std::string_view kPredictionService = "maneuver.v1.PredictionService";
 
@@ -118,7 +122,8 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(
   auto reflection = std::make_unique<ReflectionService>(std::move(names), *small);
   builder.RegisterService(reflection.get());
   std::vector<std::unique_ptr<grpc::experimental::ServerInterceptorFactoryInterface>> interceptors;
-  interceptors.push_back(ObserveCalls(metrics, methods, others));
+  auto calls = std::make_unique<OpenCalls>();
+  interceptors.push_back(ObserveCalls(metrics, methods, others, *calls));
   builder.experimental().SetInterceptorCreators(std::move(interceptors));
 
   std::unique_ptr<grpc::Server> server = builder.BuildAndStart();
@@ -132,40 +137,45 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(
   const bool refuses_predictions = std::ranges::any_of(services, [](const NamedService& service) {
     return service.name == kPredictionService && !service.refusal.ok();
   });
-  std::unique_ptr<Server> started(new Server(std::move(server), {address.host, port},
-                                             refuses_predictions, std::move(gate), std::move(small),
-                                             std::move(health), std::move(guarded),
-                                             std::move(reflection), std::move(credentials)));
-  started->KeepLimits(
-      limits,
-      metrics.AddCounter("maneuver_refused_connections_total",
-                         "Connections closed because there were more than --max-connections."),
-      std::move(gates));
+  std::unique_ptr<Server> started(
+      new Server(std::move(server), {address.host, port}, refuses_predictions, std::move(gate),
+                 std::move(calls), std::move(small), std::move(health), std::move(guarded),
+                 std::move(reflection), std::move(credentials)));
+  started->KeepLimits(limits, metrics, std::move(gates));
   return started;
 }
 
-void Server::KeepLimits(const ConnectionLimits& limits, monitoring::Counter& refused,
+void Server::KeepLimits(const ConnectionLimits& limits, monitoring::MetricRegistry& metrics,
                         std::set<MessageGate*> gates) {
-  limiter_ =
-      std::thread([this, connections = ConnectionLimit(address_.port, limits.max_connections),
-                   longest = limits.request, &refused, gates = std::move(gates)]() mutable {
-        while (!stop_.StoppedWithin(std::chrono::milliseconds(250))) {
-          refused.Increment(connections.Enforce());
-          const auto now = std::chrono::steady_clock::now();
-          for (MessageGate* const gate : gates) gate->StopLate(now, longest);
-        }
-      });
+  monitoring::Counter& refused =
+      metrics.AddCounter("maneuver_refused_connections_total",
+                         "Connections closed because there were more than --max-connections.");
+  monitoring::Counter& crowded =
+      metrics.AddCounter("maneuver_crowded_connections_total",
+                         "Connections closed because their peers ignored --max-streams.");
+  limiter_ = std::thread([this, limits, &refused, &crowded, gates = std::move(gates)]() {
+    ConnectionLimit connections(address_.port, limits.max_connections);
+    while (!stop_.StoppedWithin(std::chrono::milliseconds(250))) {
+      refused.Increment(connections.Enforce());
+      crowded.Increment(
+          CutOffConnections(address_.port, calls_->Look(kFarTooMany * limits.max_streams)));
+      const auto now = std::chrono::steady_clock::now();
+      for (MessageGate* const gate : gates) gate->StopLate(now, limits.request);
+    }
+  });
 }
 
 Server::Server(std::unique_ptr<grpc::Server> server, security::ListenAddress address,
                bool refuses_predictions, std::unique_ptr<MessageGate> gate,
-               std::unique_ptr<SmallMessages> small, std::unique_ptr<HealthService> health,
+               std::unique_ptr<OpenCalls> calls, std::unique_ptr<SmallMessages> small,
+               std::unique_ptr<HealthService> health,
                std::vector<std::unique_ptr<GuardedService>> services,
                std::unique_ptr<ReflectionService> reflection,
                std::shared_ptr<grpc::ServerCredentials> credentials)
     : address_(std::move(address)),
       refuses_predictions_(refuses_predictions),
       gate_(std::move(gate)),
+      calls_(std::move(calls)),
       small_(std::move(small)),
       health_(std::move(health)),
       services_(std::move(services)),

@@ -30,14 +30,17 @@ namespace maneuver::rpc {
 
 class HealthService;
 class MessageGate;
+class OpenCalls;
 class ReflectionService;
 class SmallMessages;
 
 // Limits of connections and messages.
 struct ConnectionLimits {
   int max_message_bytes = 64 << 20;
-  int max_connections = 4096;          // the newest of more are closed, before any authentication
-  int max_streams = 256;               // calls at once on one connection; more wait for their turn
+  int max_connections = 4096;  // the newest of more are closed, before any authentication
+  // Calls at once on one connection; more wait for their turn. A peer that ignores this is cut
+  // off once it has had more than twice as many for two seconds.
+  int max_streams = 256;
   std::chrono::seconds max_idle{900};  // without a call; then the client has to connect again
   // A connection this old accepts no more calls. Its calls in progress continue, and the client
   // connects anew, perhaps to another replica, and with the current certificates.
@@ -93,12 +96,13 @@ class Server {
 
  private:
   // Keeps the limits that gRPC does not have.
-  void KeepLimits(const ConnectionLimits& limits, monitoring::Counter& refused,
+  void KeepLimits(const ConnectionLimits& limits, monitoring::MetricRegistry& metrics,
                   std::set<MessageGate*> gates);
 
   Server(std::unique_ptr<grpc::Server> server, security::ListenAddress address,
          bool refuses_predictions, std::unique_ptr<MessageGate> gate,
-         std::unique_ptr<SmallMessages> small, std::unique_ptr<HealthService> health,
+         std::unique_ptr<OpenCalls> calls, std::unique_ptr<SmallMessages> small,
+         std::unique_ptr<HealthService> health,
          std::vector<std::unique_ptr<GuardedService>> services,
          std::unique_ptr<ReflectionService> reflection,
          std::shared_ptr<grpc::ServerCredentials> credentials);
@@ -107,6 +111,7 @@ class Server {
   const bool refuses_predictions_;
   // gRPC's server uses these until it ends.
   const std::unique_ptr<MessageGate> gate_;
+  const std::unique_ptr<OpenCalls> calls_;
   const std::unique_ptr<SmallMessages> small_;
   const std::unique_ptr<HealthService> health_;
   const std::vector<std::unique_ptr<GuardedService>> services_;

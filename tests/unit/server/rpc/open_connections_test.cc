@@ -84,6 +84,21 @@ TEST_F(OpenConnectionsTest, CutsOffTheConnectionsThatReceivedTheMost) {
   EXPECT_FALSE(small.IsCutOff());
 }
 
+TEST_F(OpenConnectionsTest, CutsOffTheConnectionsOfGivenPeers) {
+  Connection first, second;
+  for (Connection* each : {&first, &second}) Connect(*each);
+  const int port = ntohs(address_.sin_port);
+  sockaddr_in caller{};
+  socklen_t size = sizeof caller;
+  ASSERT_EQ(getsockname(second.caller, AsAddress(caller), &size), 0);
+  const std::string peer = "ipv4:127.0.0.1:" + std::to_string(ntohs(caller.sin_port));
+  EXPECT_EQ(CutOffConnections(port, {}), 0);
+  EXPECT_EQ(CutOffConnections(port, {peer, "ipv4:127.0.0.2:1"}), 1);
+  EXPECT_TRUE(second.IsCutOff());
+  EXPECT_FALSE(first.IsCutOff());
+  EXPECT_EQ(CutOffConnections(port, {peer}), 0) << "it is cut off already";
+}
+
 TEST_F(OpenConnectionsTest, ForgetsWhatAConnectionReceivedSecondsAgo) {
   Connection earlier, now;
   for (Connection* each : {&earlier, &now}) Connect(*each);

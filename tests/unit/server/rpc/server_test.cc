@@ -929,6 +929,28 @@ TEST_F(ServerTest, ClosesAConnectionWithTooManyCalls) {
   EXPECT_TRUE(caller.Read(1, std::chrono::seconds(20), true).closed);
 }
 
+// Such a peer may open any number of calls, as far as gRPC is concerned.
+TEST_F(ServerTest, ClosesAConnectionWithFarTooManyCallsWhosePeerAcknowledgesNoSettings) {
+  Publish();
+  const auto server = Server::Start(
+      {"127.0.0.1", 0}, {{v1::PredictionService::service_full_name(), predictions_.get()}},
+      *access_, *metrics_, nullptr, {.max_streams = 2});
+  ASSERT_TRUE(server.ok()) << server.status();
+  integration::RawHttp2 many((*server)->address().ToString());
+  integration::RawHttp2 some((*server)->address().ToString());
+  for (integration::RawHttp2* caller : {&many, &some}) {
+    caller->SendPreface();
+    caller->SendSettings();
+    for (int call = 0; call < 4; ++call) {
+      caller->OpenCall(2 * call + 1, "/maneuver.v1.PredictionService/Predict");
+    }
+  }
+  many.OpenCall(9, "/maneuver.v1.PredictionService/Predict");
+  EXPECT_TRUE(many.Read(1, std::chrono::seconds(20), false).closed);
+  some.SendMessage(1, OneScene().SerializeAsString());
+  EXPECT_EQ(some.Read(1, std::chrono::seconds(20), true).messages, 1);
+}
+
 // A client of gRPC says 27,000 hours at most, three years.
 TEST_F(ServerTest, AcceptsADeadlineCenturiesAhead) {
   Publish();
