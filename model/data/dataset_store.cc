@@ -441,39 +441,33 @@ absl::StatusOr<int64_t> DatasetStore::TotalBytes() const {
   return bytes;
 }
 
-absl::Status DatasetStore::MoveOut(const std::string& id, const fs::path& temporary) const {
-  std::error_code error;
-  fs::rename(FolderOf(id), temporary, error);
-  if (error == std::errc::no_such_file_or_directory) return NoSuchDataset(id);
-  if (error) return files::ErrnoStatus(error.value(), "delete", FolderOf(id));
-  return files::SyncPath(folder_);
+absl::StatusOr<fs::path> DatasetStore::MoveOut(const std::string& id) const {
+  auto aside = files::MoveAside(FolderOf(id));
+  if (absl::IsNotFound(aside.status())) return NoSuchDataset(id);
+  return aside;
 }
 
-absl::Status DatasetStore::Unlist(const std::string& id, const fs::path& temporary) const {
+absl::StatusOr<fs::path> DatasetStore::Unlist(const std::string& id) const {
   const absl::Status listed = Get(id).status();  // adopts a folder that nobody has adopted yet
-  absl::Status status = ledger_->Remove(id, [&] {
-    absl::Status moved = MoveOut(id, temporary);
+  absl::StatusOr<fs::path> aside = fs::path();
+  const absl::Status status = ledger_->Remove(id, [&] {
+    aside = MoveOut(id);
     // An earlier call may have been interrupted here.
-    return absl::IsNotFound(moved) ? absl::OkStatus() : moved;
+    if (absl::IsNotFound(aside.status())) aside = fs::path();
+    return aside.status();
   });
   // A damaged manifest cannot be listed.
-  const bool is_damaged = absl::IsDataLoss(listed) && absl::IsNotFound(status);
-  return is_damaged ? MoveOut(id, temporary) : status;
+  if (absl::IsDataLoss(listed) && absl::IsNotFound(status)) return MoveOut(id);
+  if (!status.ok()) return status;
+  return aside;
 }
 
 absl::StatusOr<fs::path> DatasetStore::Detach(const std::string& id) {
-  // Moves the dataset over an empty folder whose name makes the next Open remove it.
-  auto temporary = files::MakeTemporaryFolderFor(FolderOf(id));
-  if (!temporary.ok()) return temporary.status();
-  absl::Status status = ledger_ == nullptr ? MoveOut(id, *temporary) : Unlist(id, *temporary);
-  if (!status.ok()) {
-    std::error_code ignored;
-    fs::remove(*temporary, ignored);  // unless the dataset is in it
-    return status;
-  }
+  auto aside = ledger_ == nullptr ? MoveOut(id) : Unlist(id);
+  if (!aside.ok()) return aside;
   const MutexLock lock(mutex_);
   std::erase_if(summaries_, [&](const auto& entry) { return entry.first.first == id; });
-  return *temporary;
+  return aside;
 }
 
 absl::StatusOr<DatasetStore::Summaries> DatasetStore::SummariesOf(const std::string& id) {

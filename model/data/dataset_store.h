@@ -151,9 +151,9 @@ class DatasetStore {
   absl::StatusOr<std::vector<std::string>> FolderNames() const;
   // Adds the folder of `id` to the ledger, unless it is there. NOT_FOUND if there is none.
   absl::Status AdoptFolder(const std::string& id) const;
-  absl::Status MoveOut(const std::string& id, const std::filesystem::path& temporary) const;
-  // Takes a dataset from the list, and MoveOut.
-  absl::Status Unlist(const std::string& id, const std::filesystem::path& temporary) const;
+  absl::StatusOr<std::filesystem::path> MoveOut(const std::string& id) const;
+  // Takes a dataset from the list, and MoveOut. Returns an empty path if the folder is gone already.
+  absl::StatusOr<std::filesystem::path> Unlist(const std::string& id) const;
   absl::Status CheckRoom(uint64_t wanted, uint64_t arrived, uint64_t announced, uint64_t missing,
                          uint64_t broken_off) const;
   absl::StatusOr<int64_t> TotalBytes() const;

@@ -131,6 +131,15 @@ absl::StatusOr<fs::path> MakeTemporaryFolderFor(const fs::path& folder) {
   return temporary;
 }
 
+absl::StatusOr<fs::path> MoveAside(const fs::path& path) {
+  fs::path aside = TemporaryBeside(path);
+  if (const int error = RenameToNew(path, aside); error != 0) {
+    return ErrnoStatus(error, "remove", path);
+  }
+  if (absl::Status status = SyncPath(FolderOf(path)); !status.ok()) return status;
+  return aside;
+}
+
 absl::Status RemoveTemporaries(const fs::path& parent) {
   std::error_code error;
   std::vector<fs::path> temporaries;

@@ -37,6 +37,11 @@ absl::Status MoveIntoPlace(const std::filesystem::path& temporary,
 // it.
 absl::StatusOr<std::filesystem::path> MakeTemporaryFolderFor(const std::filesystem::path& folder);
 
+// Takes a file or folder out of its place in one step, by a name of this kind, and syncs its parent.
+// The caller removes what is at the returned path, which may take long; if it does not,
+// RemoveTemporaries does. A full disk is no hindrance. NOT_FOUND if there is nothing.
+absl::StatusOr<std::filesystem::path> MoveAside(const std::filesystem::path& path);
+
 // Removes what an interrupted writer left in `parent`: entries named ".*.tmp-*".
 absl::Status RemoveTemporaries(const std::filesystem::path& parent);
 

@@ -11,6 +11,7 @@
 #include "absl/strings/str_format.h"
 #include "model/data/tfrecord.h"
 #include "model/files/durable_file.h"
+#include "model/files/errno_status.h"
 
 namespace maneuver::learning {
 namespace {
@@ -43,10 +44,7 @@ absl::StatusOr<CheckpointFolder> CheckpointFolder::Open(const fs::path& folder,
                                                         const CheckpointPolicy& policy) {
   std::error_code error;
   fs::create_directories(folder, error);
-  if (error) {
-    return absl::UnavailableError(
-        absl::StrCat("cannot make the folder of checkpoints: ", error.message()));
-  }
+  if (error) return files::ErrnoStatus(error.value(), "create", folder);
   if (absl::Status status = files::RemoveTemporaries(folder); !status.ok()) return status;
   return CheckpointFolder(folder, policy);
 }

@@ -20,7 +20,7 @@ namespace maneuver::learning {
 class CheckpointFolder {
  public:
   // Opens the folder, and creates it if it is missing. Removes what an interrupted Write left.
-  // UNAVAILABLE if the folder cannot be created, or the error of a file that cannot be removed.
+  // The error (errno_status.h) of a folder that cannot be created or a file that cannot be removed.
   static absl::StatusOr<CheckpointFolder> Open(const std::filesystem::path& folder,
                                                const CheckpointPolicy& policy);
 

@@ -163,19 +163,9 @@ absl::StatusOr<std::optional<int64_t>> TagStore::Room() const {
 
 absl::StatusOr<fs::path> TagStore::Detach(const std::string& id) const {
   if (!Contains(id)) return NoSuchTags(id);
-  // Moves the tags over an empty folder whose name makes RemoveLeftovers remove it.
-  auto temporary = files::MakeTemporaryFolderFor(FolderOf(id));
-  if (!temporary.ok()) return temporary.status();
-  std::error_code error;
-  fs::rename(FolderOf(id), *temporary, error);
-  if (error) {
-    std::error_code ignored;
-    fs::remove(*temporary, ignored);
-    if (error == std::errc::no_such_file_or_directory) return NoSuchTags(id);
-    return files::ErrnoStatus(error.value(), "delete", FolderOf(id));
-  }
-  if (absl::Status status = files::SyncPath(folder_); !status.ok()) return status;
-  return *temporary;
+  auto aside = files::MoveAside(FolderOf(id));
+  if (absl::IsNotFound(aside.status())) return NoSuchTags(id);
+  return aside;
 }
 
 }  // namespace maneuver::tags

@@ -332,13 +332,10 @@ absl::Status VersionStore::RememberNumber(const ModelVersionName& name) const {
 
 absl::Status VersionStore::MoveOut(const ModelVersionName& name) const {
   // Out of sight in one step, then file by file: a crash in between leaves a temporary.
-  const auto temporary = files::MakeTemporaryFolderFor(FolderOf(name));
-  if (!temporary.ok()) return temporary.status();
-  std::error_code error;
-  fs::rename(FolderOf(name), *temporary, error);
-  if (error) return FileError("remove a model version", error);
-  if (auto status = files::SyncPath(folder_ / name.model); !status.ok()) return status;
-  fs::remove_all(*temporary, error);
+  const auto aside = files::MoveAside(FolderOf(name));
+  if (!aside.ok()) return aside.status();
+  std::error_code ignored;
+  fs::remove_all(*aside, ignored);
   return absl::OkStatus();
 }
 

@@ -36,16 +36,12 @@ class DiskFullTest : public ::testing::Test {
     // Mounts a disk that only this process and its children see. Uploads leave 64 MB free.
     if (unshare(CLONE_NEWNS) != 0 ||
         mount(nullptr, "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0 ||
-        mount("tmpfs", data_dir().c_str(), "tmpfs", 0, "size=100m") != 0) {
+        mount("tmpfs", data_dir().c_str(), "tmpfs", 0, "size=100m,nr_inodes=5000") != 0) {
       GTEST_SKIP() << "cannot mount a small disk here: " << std::strerror(errno);
     }
     mounted_ = true;
     fs::create_directories(data_dir() / "models" / "tiny");
-    artifact::StoredModel model = inference::RandomModel(artifact::TinyModel().manifest.spec(), 1);
-    for (int i = 0; i < model.manifest.spec().actions(); ++i) {
-      model.manifest.add_actions()->set_action_id(i);
-    }
-    ASSERT_TRUE(artifact::WriteModelFolder(data_dir() / "models" / "tiny" / "1", model).ok());
+    WriteTinyModel(data_dir() / "models" / "tiny" / "1", 1);
     std::ofstream(folder_.path() / "tiny.json") << kTinySettings;
     WriteTown(folder_.path() / "town", 1, 24, nullptr);
     server_ = std::make_unique<ServerProcess>(
@@ -57,6 +53,15 @@ class DiskFullTest : public ::testing::Test {
   void TearDown() override {
     server_.reset();
     if (mounted_) umount2(data_dir().c_str(), MNT_DETACH);
+  }
+
+  static void WriteTinyModel(const fs::path& folder, int seed) {
+    artifact::StoredModel model =
+        inference::RandomModel(artifact::TinyModel().manifest.spec(), seed);
+    for (int i = 0; i < model.manifest.spec().actions(); ++i) {
+      model.manifest.add_actions()->set_action_id(i);
+    }
+    ASSERT_TRUE(artifact::WriteModelFolder(folder, model).ok());
   }
 
   fs::path data_dir() const { return folder_.path() / "data"; }
@@ -98,8 +103,10 @@ class DiskFullTest : public ::testing::Test {
     return {"tag", "town", "--model", "tiny/1", "--on-server", "june"};
   }
 
+  // Leaves room for no byte, and for no new file or folder.
   void FillDisk() const {
-    std::ofstream ballast(data_dir() / "ballast", std::ios::binary);
+    fs::create_directory(data_dir() / "ballast");
+    std::ofstream ballast(data_dir() / "ballast" / "bytes", std::ios::binary);
     for (const size_t piece : {size_t{1} << 20, size_t{1} << 12}) {
       const std::string bytes(piece, 'x');
       while (ballast.write(bytes.data(), static_cast<std::streamsize>(piece)).flush()) {
@@ -107,6 +114,8 @@ class DiskFullTest : public ::testing::Test {
       ballast.clear();
     }
     ASSERT_EQ(fs::space(data_dir()).available, 0u);
+    for (int i = 0; std::ofstream(data_dir() / "ballast" / std::to_string(i)).is_open(); ++i) {
+    }
   }
 
   v1::Job GetJob(const std::string& name) {
@@ -177,7 +186,7 @@ TEST_F(DiskFullTest, LosesNothingAndContinuesTheJobOnceThereIsRoom) {
   EXPECT_TRUE(Predicts());
 
   // The job has failed by then. The server stores this as soon as there is room.
-  fs::remove(data_dir() / "ballast");
+  fs::remove_all(data_dir() / "ballast");
   ASSERT_TRUE(WaitFor([&] { return GetJob(job).state() == v1::JOB_STATE_FAILED; },
                       std::chrono::seconds(60)))
       << GetJob(job).DebugString();
@@ -195,6 +204,24 @@ TEST_F(DiskFullTest, LosesNothingAndContinuesTheJobOnceThereIsRoom) {
   const std::string tagged = Maneuver(Tag());
   EXPECT_EQ(status_, 0) << tagged;
   EXPECT_TRUE(Predicts());
+}
+
+// But not the newest version of a model: that its number is taken must be stored.
+TEST_F(DiskFullTest, DeletesOnAFullDisk) {
+  WriteTinyModel(folder_.path() / "next", 2);
+  EXPECT_THAT(Maneuver({"model", "push", folder_.path() / "next", "tiny"}), HasSubstr("tiny/2"));
+  EXPECT_THAT(Maneuver({"tag", "town", "--model", "tiny/1", "--on-server", "june"}),
+              HasSubstr("tags/june"));
+  FillDisk();
+  for (const std::vector<std::string>& command :
+       {std::vector<std::string>{"dataset", "delete", "town"},
+        {"tags", "delete", "june"},
+        {"model", "delete", "tiny/1"}}) {
+    const std::string output = Maneuver(command);
+    EXPECT_EQ(status_, 0) << output;
+  }
+  EXPECT_GT(fs::space(data_dir()).available, 0u);
+  EXPECT_THAT(Temporaries(), ::testing::IsEmpty());
 }
 
 }  // namespace

@@ -18,6 +18,7 @@
 #include "model/evaluation/cross_validation_report.h"
 #include "model/evaluation/cross_validation_text.h"
 #include "model/files/durable_file.h"
+#include "model/files/errno_status.h"
 #include "server/jobs/trainer/data_memory_option.h"
 #include "server/jobs/trainer/dataset_names.h"
 #include "server/jobs/trainer/fold_files.h"
@@ -57,10 +58,7 @@ class ModelsFolder {
                                                  absl::StrCat("maneuver-cross-validate-", getpid())
                                            : named;
     if (!error) std::filesystem::create_directories(path, error);
-    if (error) {
-      return absl::UnavailableError(
-          absl::StrCat("cannot make the folder of the models: ", error.message()));
-    }
+    if (error) return files::ErrnoStatus(error.value(), "create", path);
     return ModelsFolder(path, temporary);
   }
   ModelsFolder(ModelsFolder&& other) noexcept

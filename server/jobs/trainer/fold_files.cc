@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "model/evaluation/cross_validation_parts.h"
 #include "model/files/durable_file.h"
+#include "model/files/errno_status.h"
 
 namespace maneuver::trainer {
 namespace {
@@ -21,10 +22,7 @@ absl::StatusOr<FoldFiles> FoldFiles::Open(std::filesystem::path folder,
                                           v1::CrossValidationPlan plan) {
   std::error_code error;
   std::filesystem::create_directories(folder, error);
-  if (error) {
-    return absl::UnavailableError(
-        absl::StrCat("cannot make the folder of the checkpoints: ", error.message()));
-  }
+  if (error) return files::ErrnoStatus(error.value(), "create", folder);
   FoldFiles files(std::move(folder), std::move(plan));
   for (;;) {
     const absl::StatusOr<std::string> bytes =

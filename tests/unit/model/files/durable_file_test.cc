@@ -103,6 +103,19 @@ TEST_F(DurableFileTest, TemporaryFoldersOfOneNameDiffer) {
   EXPECT_THAT(second->filename().string(), testing::StartsWith(".model.tmp-"));
 }
 
+TEST_F(DurableFileTest, MovesAFolderAsideUnderTheNameOfATemporary) {
+  fs::create_directory(folder_ / "model");
+  WriteBytes(folder_ / "model" / "weights", "w");
+  const auto aside = MoveAside(folder_ / "model");
+  ASSERT_TRUE(aside.ok()) << aside.status();
+  EXPECT_EQ(aside->parent_path(), folder_.path());
+  EXPECT_EQ(*ReadFile(*aside / "weights"), "w");
+  EXPECT_EQ(folder_.Names().size(), 1u) << "the folder is gone from its place";
+  EXPECT_EQ(MoveAside(folder_ / "model").status().code(), absl::StatusCode::kNotFound);
+  ASSERT_TRUE(RemoveTemporaries(folder_.path()).ok());
+  EXPECT_THAT(folder_.Names(), testing::IsEmpty());
+}
+
 TEST_F(DurableFileTest, RemovesTemporariesAndNothingElse) {
   ASSERT_TRUE(MakeTemporaryFolderFor(folder_ / "model").ok());
   WriteBytes(folder_ / ".file.tmp-12", "half");
