@@ -3,6 +3,7 @@
 #include <google/protobuf/util/time_util.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <limits>
 #include <system_error>
 #include <utility>
@@ -443,8 +444,11 @@ absl::StatusOr<int64_t> DatasetStore::TotalBytes() const {
 
 absl::StatusOr<fs::path> DatasetStore::MoveOut(const std::string& id) const {
   auto aside = files::MoveAside(FolderOf(id));
-  if (absl::IsNotFound(aside.status())) return NoSuchDataset(id);
-  return aside;
+  if (!absl::IsNotFound(aside.status())) return aside;
+  // While the folder of all datasets is away, none of them is gone.
+  std::error_code ignored;
+  if (!fs::exists(folder_, ignored)) return files::ErrnoStatus(ENODEV, "delete", FolderOf(id));
+  return NoSuchDataset(id);
 }
 
 absl::StatusOr<fs::path> DatasetStore::Unlist(const std::string& id) const {
