@@ -31,6 +31,25 @@ const char kTinySettings[] = R"({
   "threads": 1
 })";
 
+const char kTinyLanesSettings[] = R"({
+  "preset": "lanes",
+  "model": {
+    "scene_vectors": {"history_width": 16, "path_width": 24, "attention_heads": 2, "features": 32,
+                      "agent_width": 12, "agent_heads": 3},
+    "action_geometry": {"pair_width": 12, "attention_heads": 2, "features": 16},
+    "trajectory": {"waypoints": 10, "waypoint_interval": "0.4s"},
+    "actions": 12,
+    "latent_dimensions": 3,
+    "action_predictor": {"hidden": [48]},
+    "trajectory_encoder": {"hidden": [48, 48]},
+    "decoder": {"hidden": [48, 48]},
+    "scenario_encoder": {"hidden": [32]}
+  },
+  "optimization": {"pretraining_epochs": 10, "mixture_epochs": 5, "joint_epochs": 4, "covariance_epochs": 1},
+  "seed": 7,
+  "threads": 1
+})";
+
 void WriteTown(const std::filesystem::path& folder, uint64_t seed, int recordings,
                std::vector<v1::Scenario>* kept) {
   auto writer = data::DatasetWriter::Create(folder, "synthetic town");
@@ -47,16 +66,17 @@ void WriteTown(const std::filesystem::path& folder, uint64_t seed, int recording
   ASSERT_TRUE(committed.ok()) << committed.status();
 }
 
-TrainedServer::TrainedServer(std::vector<std::string> flags) : flags_(std::move(flags)) {
+TrainedServer::TrainedServer(std::vector<std::string> flags, const char* settings)
+    : flags_(std::move(flags)) {
   std::filesystem::create_directory(data_dir());
-  std::ofstream(settings()) << kTinySettings;
+  std::ofstream(this->settings()) << settings;
   WriteTown(folder() / "town", 1, 60, nullptr);
   WriteTown(folder() / "unseen", 2, 12, &unseen_);
   Restart();
   const std::vector<std::vector<std::string>> commands = {
       {"dataset", "upload", (folder() / "town").string(), "town"},
       {"dataset", "upload", (folder() / "unseen").string(), "unseen"},
-      {"train", "tiny", "--dataset", "town", "--settings", settings().string()},
+      {"train", "tiny", "--dataset", "town", "--settings", this->settings().string()},
   };
   for (const std::vector<std::string>& command : commands) {
     std::string output;

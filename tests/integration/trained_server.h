@@ -14,6 +14,8 @@ namespace maneuver::integration {
 
 // TrainingSettings as JSON for a model that trains in seconds: 12 actions, 10 waypoints over 4 s.
 extern const char kTinySettings[];
+// The same for a small model of the default preset, `lanes`.
+extern const char kTinyLanesSettings[];
 
 // Writes a dataset folder with recordings of the synthetic town. Appends them to *kept unless that
 // is nullptr.
@@ -25,7 +27,8 @@ void WriteTown(const std::filesystem::path& folder, uint64_t seed, int recording
 class TrainedServer {
  public:
   //   flags: added to the server's command
-  explicit TrainedServer(std::vector<std::string> flags = {});
+  //   settings: of the training
+  explicit TrainedServer(std::vector<std::string> flags = {}, const char* settings = kTinySettings);
 
   const std::filesystem::path& folder() const { return folder_.path(); }
   std::filesystem::path data_dir() const { return folder_.path() / "data"; }
@@ -34,7 +37,7 @@ class TrainedServer {
   void Restart();
   // Returns the recordings of datasets/unseen, with prediction time and targets.
   const std::vector<v1::Scenario>& unseen() const { return unseen_; }
-  // Returns a file with TrainingSettings that train in seconds, as JSON.
+  // Returns a file with the TrainingSettings, as JSON.
   std::filesystem::path settings() const { return folder_.path() / "tiny.json"; }
 
  private:
