@@ -224,6 +224,68 @@ TEST(SceneBoundTest, TheKMostProbableOfKActionsAreAll) {
   EXPECT_TRUE(reconstruction(5).equal(reconstruction(0))) << "they contain each reconstruction";
 }
 
+// The responsibilities get no gradient. With all weights of the loss 1 but the reconstruction's, exact
+// ones maximise the bound, so the slope of the loss with responsibilities that follow it is the
+// same: a second way to all gradients of the networks that read scenes.
+TEST(SceneBoundTest, TheGradientOfTheWholeLossIsThatOfFiniteDifferences) {
+  v1::TrainingSettings settings = TinyLanesSettings();
+  v1::OptimizationSettings& optimization = *settings.mutable_optimization();
+  ASSERT_EQ(optimization.responsibilities(), v1::RESPONSIBILITIES_EXACT);
+  ASSERT_TRUE(settings.model().mean_residual());
+  optimization.set_action_weight(1.0);
+  optimization.set_posterior_divergence_weight(1.0);
+  at::Generator generator = MakeGenerator(2);
+  Networks networks(settings.model(), at::Device(at::kCPU), generator);
+  const SceneLoader::Batch batch = ArcBatch(settings);
+  const auto loss = [&] {
+    at::Generator noise = MakeGenerator(9);
+    const NoiseSource draw = [&](at::IntArrayRef shape) {
+      return at::empty(shape).normal_(0.0, 1.0, noise);
+    };
+    const SceneBatch scenes{batch.trajectories, networks.EncodeScenes(batch.scenes, {}), {}};
+    return Loss(
+        SceneBound(networks, v1::OBJECTIVE_UNIFIED, Learning::kAll, optimization, scenes, draw),
+        Weights(optimization));
+  };
+  using Part = Networks::Part;
+  std::vector<at::Tensor> parameters;
+  for (const Part part :
+       {Part::kTrajectoryEncoder, Part::kScene, Part::kActions, Part::kScenarioEncoder}) {
+    for (at::Tensor& parameter : networks.Parameters(part)) {
+      // Fresh last layers are small, which leaves the layers before them no gradient to speak of.
+      const at::Tensor values = parameter.detach();
+      values.add_(at::empty_like(values).normal_(0.0, 0.1, generator));
+      parameters.push_back(parameter.set_requires_grad(true));
+    }
+  }
+  loss().backward();
+  at::NoGradGuard no_grad;
+  constexpr double kRounding = 0.01;  // of a loss of some 500, divided by twice the step
+  size_t telling = 0;
+  for (size_t i = 0; i < parameters.size(); ++i) {
+    ASSERT_TRUE(parameters[i].grad().defined()) << i;
+    const at::Tensor gradient = parameters[i].grad().to(at::kDouble);
+    const double length = gradient.norm().item<double>();
+    if (length > 3.0 * kRounding) ++telling;
+    // Along the gradient, and another way.
+    for (const at::Tensor& way :
+         {gradient, at::empty_like(gradient).normal_(0.0, 1.0, generator)}) {
+      const at::Tensor direction = way / way.norm().clamp_min(1e-30);
+      const double slope = (gradient * direction).sum().item<double>();
+      const double step = 0.005;  // ReLUs bend the loss
+      const at::Tensor before = parameters[i].clone();
+      parameters[i].copy_(before + step * direction);
+      const double above = loss().item<double>();
+      parameters[i].copy_(before - step * direction);
+      const double below = loss().item<double>();
+      parameters[i].copy_(before);
+      EXPECT_NEAR((above - below) / (2.0 * step), slope, 0.03 * length + kRounding)
+          << "parameter " << i << " " << parameters[i].sizes();
+    }
+  }
+  EXPECT_GT(2 * telling, parameters.size()) << "most would show a gradient that is missing";
+}
+
 // The top-n loss of a model of fewer actions than n: each term, and each gradient.
 TEST(SceneBoundTest, MoreActionsThanThereAreAreAll) {
   constexpr int kActions = 3;
