@@ -10,7 +10,7 @@
 #   OTHER=FOLDER          a dataset that each fold's model is measured on as a whole: out of distribution
 #
 # Each core runs one fold at a time. A row takes about a quarter of an hour of one core on 285
-# recordings; `paper` takes hours, so it runs only if ROWS names it.
+# recordings; `paper` takes hours and `resnet50` days, so they run only if ROWS names them.
 set -euo pipefail
 : "${1:?name dataset folders; see the beginning of this script}"
 other=${OTHER:-}
@@ -22,6 +22,7 @@ mkdir -p "$results"
 
 declare -A settings=(
   [paper]='{"preset": "paper"}'
+  [resnet50]='{"preset": "resnet50"}'
   [literal]='{"preset": "literal"}'
   [compact]='{"preset": "compact"}'
   [lanes-metres]='{"preset": "lanes-metres"}'
@@ -34,14 +35,13 @@ declare -A settings=(
   [gaussian]='{"preset": "lanes", "optimization": {"posterior_huber": 0, "posterior_reconstruction_weight": 0.05}}'
   [no-noise]='{"preset": "lanes", "augmentation": {"sensor_noise": 0}}'
   [sparse]='{"preset": "lanes", "examples": {"training_stride": "0.5s"}}'
-  [forty-epochs]='{"preset": "lanes", "optimization": {"joint_epochs": 40}}'
   [printed]='{"preset": "lanes", "optimization": {"responsibilities": "RESPONSIBILITIES_PRINTED"}}'
   [no-decay]='{"preset": "lanes", "optimization": {"weight_decay": 1e-4}}'
   [fifty-actions]='{"preset": "lanes", "model": {"actions": 50}}'
   [lanes]='{"preset": "lanes"}'
 )
 rows=${ROWS:-literal compact lanes-metres absolute history no-agents no-geometry relative gaussian
-  table-covariance no-noise sparse printed no-decay lanes}
+  table-covariance no-noise sparse printed no-decay fifty-actions lanes}
 
 # Folds of all rows share the cores, so that none is idle at the end of a row.
 run_fold() { # option... row fold
@@ -101,10 +101,25 @@ def table(columns, found, low, high):
             cells.append(text(cell['value']) + limits if cell else '')
         print(f'| `{row}` | ' + ' | '.join(cells) + ' |')
 
+def strata(k, dimension, metric):
+    """A metric of the strata of a dimension that have 50 examples, of each row, without intervals."""
+    names = {stratum['name']: stratum['examples'] for stratum in reports[rows[0]]['sets'][k]['strata']
+             if stratum['dimension'] == dimension and int(stratum['examples']) >= 50}
+    print('\n| | ' + ' | '.join(f"{name.replace('_', ' ').replace('>=', '≥ ')} ({count})" for name, count in names.items())
+          + ' |\n|---' + '|---' * len(names) + '|')
+    for row in rows:
+        values = {stratum['name']: stratum['metrics'][metric]['value'] for stratum in reports[row]['sets'][k]['strata']
+                  if stratum['dimension'] == dimension}
+        print(f'| `{row}` | ' + ' | '.join(number(values[name]) if name in values else '' for name in names) + ' |')
+
 for k, held in enumerate(reports[rows[0]]['sets']):
     print(f"\n## {held.get('name') or 'Held-out folds'}\n\n{held['recordings']} recordings in {held['groups']} groups. "
           'Brackets are 95 % intervals over the groups.')
     table(ACCURACY, lambda row: reports[row]['sets'][k]['overall']['metrics'], 'lower', 'upper')
+    print('\nADE₁ / CV by speed, with the number of examples:')
+    strata(k, 'speed', 'ade_ratio')
+    print('\nminFDE₆ by what the target did, m:')
+    strata(k, 'class', 'min_fde_6')
     print('\nWhat the actions mean, with the smallest and the largest of the models:')
     table(MEANING, lambda row: reports[row]['sets'][k]['set_metrics'], 'smallest', 'largest')
 PYTHON
