@@ -2,6 +2,7 @@
 
 #include <google/protobuf/message_lite.h>
 #include <grpc/byte_buffer.h>
+#include <grpcpp/server_context.h>
 
 #include <atomic>
 #include <chrono>
