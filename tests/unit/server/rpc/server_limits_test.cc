@@ -20,9 +20,7 @@
 namespace maneuver::rpc::server_limits_test {
 namespace {
 
-using ::testing::ElementsAre;
 using ::testing::HasSubstr;
-using ::testing::IsEmpty;
 
 // Begins a call and sends nothing of its request. Returns how the server ends it.
 grpc::Status PredictWithoutRequest(const std::shared_ptr<grpc::Channel>& channel) {

@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "server/rpc/predict_stream.h"
+#include "server/security/secret_file.h"
 #include "tests/unit/server/rpc/server_fixture.h"
 
 namespace maneuver::rpc::server_test {
