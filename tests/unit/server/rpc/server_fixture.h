@@ -20,6 +20,8 @@
 #include "server/rpc/model_service.h"
 #include "server/rpc/prediction_service.h"
 #include "server/rpc/server.h"
+#include "server/security/access_control.h"
+#include "server/security/secret_file.h"
 #include "tests/unit/server/serving/fake_action_model.h"
 #include "tests/unit/server/serving/memory_alias_store.h"
 #include "tests/unit/temporary_folder.h"
@@ -96,8 +98,22 @@ class ServerTest : public ::testing::Test {
     model_stub_ = v1::ModelService::NewStub(channel_);
   }
 
+  // Starts another server of the predictions, closed_, which knows no caller.
+  void StartClosed() {
+    ASSERT_TRUE(security::AppendLine(folder_ / "tokens", "# nobody\n").ok());
+    auto nobody = security::AccessControl::Create({.identities = folder_ / "tokens"}, *metrics_);
+    ASSERT_TRUE(nobody.ok()) << nobody.status();
+    nobody_ = *std::move(nobody);
+    auto closed = Server::Start({"127.0.0.1", 0},
+                                {{v1::PredictionService::service_full_name(), predictions_.get()}},
+                                *nobody_, *metrics_);
+    ASSERT_TRUE(closed.ok()) << closed.status();
+    closed_ = *std::move(closed);
+  }
+
   void TearDown() override {
     networks_.OpenGate();
+    closed_ = nullptr;
     if (server_ != nullptr) server_->Shutdown(std::chrono::system_clock::now());
     server_ = nullptr;
     disk_ = nullptr;
@@ -174,6 +190,8 @@ class ServerTest : public ::testing::Test {
   std::unique_ptr<PredictionService> predictions_;
   std::unique_ptr<ModelService> model_service_;
   std::unique_ptr<Server> server_;
+  std::unique_ptr<security::AccessControl> nobody_;  // of closed_
+  std::unique_ptr<Server> closed_;
   std::shared_ptr<grpc::Channel> channel_;
   std::unique_ptr<v1::PredictionService::Stub> stub_;
   std::unique_ptr<v1::ModelService::Stub> model_stub_;

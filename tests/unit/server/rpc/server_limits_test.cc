@@ -22,38 +22,34 @@ namespace {
 
 using ::testing::HasSubstr;
 
+// Waits for what a call began last.
+void WaitForOne(grpc::CompletionQueue& queue) {
+  void* tag = nullptr;
+  bool ok = false;
+  queue.Next(&tag, &ok);
+}
+
 // Begins a call and sends nothing of its request. Returns how the server ends it.
 grpc::Status PredictWithoutRequest(const std::shared_ptr<grpc::Channel>& channel) {
   grpc::ClientContext context;
   context.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(60));
   grpc::CompletionQueue queue;
-  const auto finished = [&queue] {
-    void* tag = nullptr;
-    bool ok = false;
-    queue.Next(&tag, &ok);
-  };
   auto call = grpc::GenericStub(channel).PrepareCall(
       &context, "/maneuver.v1.PredictionService/Predict", &queue);
   call->StartCall(nullptr);
-  finished();
+  WaitForOne(queue);
   grpc::Status status;
   call->Finish(&status, nullptr);
-  finished();
+  WaitForOne(queue);
   return status;
 }
 
 // Otherwise a stranger could make the server receive any number of large messages.
 TEST_F(ServerTest, RefusesAStrangerWhoHasNotSentTheRequest) {
-  ASSERT_TRUE(security::AppendLine(folder_ / "tokens", "# nobody\n").ok());
-  const auto nobody =
-      security::AccessControl::Create({.identities = folder_ / "tokens"}, *metrics_);
-  ASSERT_TRUE(nobody.ok()) << nobody.status();
-  const auto closed = Server::Start(
-      {"127.0.0.1", 0}, {{v1::PredictionService::service_full_name(), predictions_.get()}},
-      **nobody, *metrics_);
-  ASSERT_TRUE(closed.ok()) << closed.status();
+  StartClosed();
+  ASSERT_NE(closed_, nullptr);
   const auto channel =
-      grpc::CreateChannel((*closed)->address().ToString(), grpc::InsecureChannelCredentials());
+      grpc::CreateChannel(closed_->address().ToString(), grpc::InsecureChannelCredentials());
   const grpc::Status status = PredictWithoutRequest(channel);
   EXPECT_EQ(status.error_code(), grpc::StatusCode::UNAUTHENTICATED) << status.error_message();
 }
@@ -188,21 +184,16 @@ TEST_F(ServerTest, WithoutRoomRefusesCallsOfEachKindButThoseThatRemoveSomething)
     grpc::ClientContext context;
     context.AddMetadata("authorization", "Bearer secret");
     grpc::CompletionQueue queue;
-    const auto finished = [&queue] {
-      void* tag = nullptr;
-      bool ok = false;
-      queue.Next(&tag, &ok);
-    };
     auto call = grpc::GenericStub(channel).PrepareCall(
         &context, absl::StrCat("/maneuver.v1.", method), &queue);
     call->StartCall(nullptr);
-    finished();
+    WaitForOne(queue);
     const grpc::Slice empty;
     call->WriteLast(grpc::ByteBuffer(&empty, 1), grpc::WriteOptions(), nullptr);
-    finished();
+    WaitForOne(queue);
     grpc::Status status;
     call->Finish(&status, nullptr);
-    finished();
+    WaitForOne(queue);
     return status;
   };
   for (const char* method :

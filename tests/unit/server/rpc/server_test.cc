@@ -8,7 +8,6 @@
 #include "absl/strings/str_cat.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "server/rpc/predict_stream.h"
-#include "server/security/secret_file.h"
 #include "tests/unit/server/rpc/server_fixture.h"
 
 namespace maneuver::rpc::server_test {
@@ -440,16 +439,10 @@ TEST_F(ServerTest, CountsEveryCallByMethodAndCode) {
 // is gone once, for the leak checker's sake too.
 TEST_F(ServerTest, AnswersRefusedEmptyAndMalformedCallsOfEachKind) {
   Publish();
-  ASSERT_TRUE(security::AppendLine(folder_ / "tokens", "# nobody\n").ok());
-  const auto nobody =
-      security::AccessControl::Create({.identities = folder_ / "tokens"}, *metrics_);
-  ASSERT_TRUE(nobody.ok()) << nobody.status();
-  const auto closed = Server::Start(
-      {"127.0.0.1", 0}, {{v1::PredictionService::service_full_name(), predictions_.get()}},
-      **nobody, *metrics_);
-  ASSERT_TRUE(closed.ok()) << closed.status();
+  StartClosed();
+  ASSERT_NE(closed_, nullptr);
   const auto channel =
-      grpc::CreateChannel((*closed)->address().ToString(), grpc::InsecureChannelCredentials());
+      grpc::CreateChannel(closed_->address().ToString(), grpc::InsecureChannelCredentials());
   const auto stub = v1::PredictionService::NewStub(channel);
   {
     grpc::ClientContext context;
