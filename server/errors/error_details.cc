@@ -63,6 +63,13 @@ absl::Status InvalidField(std::string_view field, std::string_view description) 
   return InvalidFields({{std::string(field), std::string(description)}});
 }
 
+absl::Status MalformedMessage() {
+  return WithReason(
+      absl::InvalidArgumentError("the request's bytes do not parse as the message of this method, "
+                                 "or a string in it is not UTF-8"),
+      "MALFORMED_MESSAGE");
+}
+
 absl::Status WithReason(absl::Status status, Reason reason,
                         const std::map<std::string, std::string>& metadata) {
   v1::ErrorInfo detail;

@@ -34,6 +34,9 @@ absl::Status InvalidFields(const std::vector<scene::FieldViolation>& violations,
 // Returns the same for one field.
 absl::Status InvalidField(std::string_view field, std::string_view description);
 
+// Returns INVALID_ARGUMENT with the reason MALFORMED_MESSAGE: the bytes of a request do not parse.
+absl::Status MalformedMessage();
+
 // Adds an ErrorInfo with a reason from reasons.h to `status`. Replaces an earlier one.
 absl::Status WithReason(absl::Status status, Reason reason,
                         const std::map<std::string, std::string>& metadata = {});

@@ -22,13 +22,6 @@ using grpc::experimental::InterceptionHookPoints;
 using grpc::experimental::InterceptorBatchMethods;
 using grpc::experimental::ServerRpcInfo;
 
-absl::Status Malformed() {
-  return errors::WithReason(
-      absl::InvalidArgumentError("the request's bytes do not parse as the message of this method, "
-                                 "or a string in it is not UTF-8"),
-      "MALFORMED_MESSAGE");
-}
-
 // Lives as long as its call. Reads and writes of a stream come from several threads.
 class CallInterceptor final : public grpc::experimental::Interceptor {
  public:
@@ -61,7 +54,7 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
         batch->ModifySendStatus(
             {grpc::StatusCode::UNIMPLEMENTED, "this server has no such method"});
       } else if (IsOfGrpc(batch->GetSendStatus())) {
-        batch->ModifySendStatus(ToGrpcStatus(Malformed()));
+        batch->ModifySendStatus(ToGrpcStatus(errors::MalformedMessage()));
         // Without a request the caller has gone, or gRPC itself has refused the request.
         counted = lacks_request_ ? grpc::StatusCode::CANCELLED : grpc::StatusCode::INVALID_ARGUMENT;
       }

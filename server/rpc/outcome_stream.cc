@@ -79,7 +79,7 @@ void OutcomeStream::ScoreReport() {
         !grpc::SerializationTraits<v1::StreamOutcomesRequest>::Deserialize(&message_, &request)
              .ok()) {
       request.Clear();  // its request_id may be no UTF-8, which an answer cannot hold
-      status = errors::InvalidField("report", "these bytes are not a StreamOutcomesRequest");
+      status = errors::MalformedMessage();
     }
     if (status.ok()) status = scorer_.Admit(caller_, request.report());
     if (status.ok()) status = scorer_.Score(*rpc_, request.report(), answer.mutable_response());

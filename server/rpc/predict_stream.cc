@@ -23,10 +23,6 @@ constexpr int64_t kMaxExpectedBytes = int64_t{64} << 20;
 constexpr size_t kMaxStreamedIdLength = 128;
 constexpr char kMethod[] = "/maneuver.v1.PredictionService/StreamPredict";
 
-absl::Status NoMessage() {
-  return errors::InvalidField("request", "these bytes are not a StreamPredictRequest");
-}
-
 serving::TimePoint StreamDeadline(const StreamOutline& outline) {
   // Longer than a day is as good as never.
   constexpr int64_t kNever = 24 * 3600;
@@ -140,7 +136,7 @@ void PredictStream::Begin(std::shared_ptr<Entry> entry) {
 
 absl::Status PredictStream::Start(const std::shared_ptr<Entry>& entry) {
   const auto outline = ReadStreamOutline(entry->bytes);
-  if (!outline) return NoMessage();
+  if (!outline) return errors::MalformedMessage();
   if (outline->request_id.size() > kMaxStreamedIdLength) {
     return errors::InvalidField("request_id", "longer than 128 characters");
   }
@@ -159,7 +155,7 @@ absl::Status PredictStream::Start(const std::shared_ptr<Entry>& entry) {
   if (!room.ok()) return room.status();
   if (!grpc::SerializationTraits<v1::StreamPredictRequest>::Deserialize(&entry->bytes, &request)
            .ok()) {
-    return NoMessage();
+    return errors::MalformedMessage();
   }
   status = AdmitTargets(context_.access, caller_, request.request().scenarios());
   if (!status.ok()) return status;

@@ -8,6 +8,7 @@
 #include <thread>
 #include <vector>
 
+#include "server/errors/error_details.h"
 #include "server/rpc/recent_reports.h"
 #include "tests/unit/server/rpc/server_fixture.h"
 
@@ -222,7 +223,8 @@ TEST_F(OutcomeServiceTest, AStreamRefusesWhatIsNoReportAndGoesOn) {
             .ok());
     const bool is_good = bytes == good.SerializeAsString();
     EXPECT_EQ(response.request_id(), is_good ? "good" : "");
-    EXPECT_EQ(response.error().code(), is_good ? 0 : grpc::StatusCode::INVALID_ARGUMENT);
+    EXPECT_EQ(errors::ReasonOf(errors::FromProto(response.error())),
+              is_good ? "" : "MALFORMED_MESSAGE");
   }
   EXPECT_EQ(Counted(), 1.0);
   context.TryCancel();

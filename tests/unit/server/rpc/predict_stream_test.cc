@@ -7,6 +7,7 @@
 #include <thread>
 #include <vector>
 
+#include "server/errors/error_details.h"
 #include "tests/unit/server/rpc/server_fixture.h"
 
 namespace maneuver::rpc::predict_stream_test {
@@ -82,10 +83,10 @@ TEST_F(PredictStreamTest, RefusesATooCloseDeadlineBeforeParsingTheRequest) {
     EXPECT_TRUE(answer.DumpToSingleSlice(&whole).ok());
     EXPECT_TRUE(response.ParseFromArray(whole.begin(), static_cast<int>(whole.size())));
     EXPECT_EQ(response.request_id(), "unparseable");
-    return response.error().code();
+    return errors::FromProto(response.error());
   };
   constexpr int kMillisecond = 1'000'000;
-  EXPECT_EQ(ask(Unparseable(100 * kMillisecond)), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(errors::ReasonOf(ask(Unparseable(100 * kMillisecond))), "MALFORMED_MESSAGE");
 
   // Both workers are busy and other requests wait.
   networks_.CloseGate();
@@ -96,8 +97,9 @@ TEST_F(PredictStreamTest, RefusesATooCloseDeadlineBeforeParsingTheRequest) {
   const size_t warm_up = networks_.batches().size();
   for (int i = 0; i < 60; ++i) ASSERT_TRUE(waiting->Write(request));
   networks_.AwaitBatches(warm_up + 2);
-  EXPECT_EQ(ask(Unparseable(kMillisecond)), grpc::StatusCode::RESOURCE_EXHAUSTED);
-  EXPECT_EQ(ask(Unparseable(0)), grpc::StatusCode::INVALID_ARGUMENT);  // without a deadline
+  EXPECT_EQ(ask(Unparseable(kMillisecond)).code(), absl::StatusCode::kResourceExhausted);
+  // Without a deadline.
+  EXPECT_EQ(errors::ReasonOf(ask(Unparseable(0))), "MALFORMED_MESSAGE");
   networks_.OpenGate();
   waiting_context.TryCancel();
   waiting->Finish();
