@@ -29,8 +29,8 @@ absl::StatusOr<ListenAddress> ParseListenAddress(std::string_view text) {
   }
   ListenAddress address{std::string(host), 0};
   const auto [end, error] = std::from_chars(port.begin(), port.end(), address.port);
-  if (host.empty() || error != std::errc() || end != port.end() || address.port < 0 ||
-      address.port > 65535) {
+  if (host.empty() || host.find_first_of("[]") != std::string_view::npos || error != std::errc() ||
+      end != port.end() || address.port < 0 || address.port > 65535) {
     return malformed();
   }
   return address;

@@ -10,7 +10,7 @@ TEST(ListenAddressTest, SplitsHostAndPort) {
   EXPECT_EQ(ParseListenAddress("[::1]:0")->host, "::1");
   EXPECT_EQ(ParseListenAddress("[::1]:80")->ToString(), "[::1]:80");
   for (const char* text : {"", "8470", ":8470", "localhost:", "localhost:x", "h:65536", "h:-1",
-                           "::1:80", "h:1 ", "h:+1"}) {
+                           "::1:80", "h:1 ", "h:+1", "[[::1]]:80", "[h:80"}) {
     EXPECT_FALSE(ParseListenAddress(text).ok()) << text;
   }
 }
