@@ -137,8 +137,10 @@ void Environment::PrintError(const std::string& code, const std::string& reason,
 
 bool Environment::Flush() {
   const bool has_failed = !out;
-  out.clear();  // what is still buffered is tried once more, and errno says why it fails
+  out.clear();
   errno = 0;
+  // Of a text longer than the buffer nothing may be left to write: a line break fails for its reason.
+  if (has_failed) out.put('\n');
   if (out.flush() && !has_failed) return true;
   const int error = errno;
   if (error == EPIPE) return true;

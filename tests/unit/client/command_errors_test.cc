@@ -5,7 +5,13 @@
 #include <google/protobuf/util/json_util.h>
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
+#include <ext/stdio_sync_filebuf.h>
+
+#include <array>
+#include <csignal>
+#include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <memory>
@@ -87,6 +93,34 @@ TEST_F(LocalErrorsTest, FailsIfAnAnswerCannotBeWritten) {
   Environment environment(in, out, err);
   EXPECT_EQ(RunManeuver({"scenario", "list", town_}, environment), kFailed);
   EXPECT_EQ(err.str(), "maneuver: cannot write to standard output: No space left on device\n");
+}
+
+// Returns what Flush says after an answer that is longer than any buffer was written to the file as
+// std::cout writes. Closes the file.
+std::string SaidAfterALongAnswer(std::FILE* file) {
+  __gnu_cxx::stdio_sync_filebuf<char> buffer(file);
+  std::ostream out(&buffer);
+  std::istringstream in;
+  std::ostringstream err;
+  Environment environment(in, out, err);
+  out << std::string(1'000'000, 'x');
+  const bool is_written = environment.Flush();
+  EXPECT_EQ(is_written, err.str().empty());
+  std::fclose(file);
+  return err.str();
+}
+
+TEST(FlushTest, SaysWhyALongAnswerCannotBeWritten) {
+  EXPECT_EQ(SaidAfterALongAnswer(std::fopen("/dev/full", "w")),
+            "maneuver: cannot write to standard output: No space left on device\n");
+}
+
+TEST(FlushTest, TakesAPipeThatItsReaderHasClosedForNoFailure) {
+  std::signal(SIGPIPE, SIG_IGN);
+  std::array<int, 2> ends;
+  ASSERT_EQ(pipe(ends.data()), 0);
+  close(ends[0]);
+  EXPECT_EQ(SaidAfterALongAnswer(fdopen(ends[1], "w")), "");
 }
 
 TEST_F(LocalErrorsTest, NamesTheWholePathOfAFolderThatCannotBeCreated) {
