@@ -149,20 +149,18 @@ std::string PlaceAside(const ActionEvidence& evidence, const PlaceLimits& limits
                                                       : "");
   }
   const double shift = SidewaysShift(mean, h);
+  // A mean that trembles at its end seems shifted, but ends on the other side or nowhere.
+  const double end = mean(mean.rows() - 1, 1);
+  const double clear_shift = std::min(std::copysign(shift, shift * end), std::abs(end));
   const bool changes_lane =
       ShareOf(evidence.use, shift > 0.0 ? KinematicClass::kLaneChangeLeft
                                         : KinematicClass::kLaneChangeRight) >= 0.5;
-  if ((std::abs(h) < kParallel && std::abs(shift) >= limits.lane_change_shift) ||
+  if ((std::abs(h) < kParallel && clear_shift >= limits.lane_change_shift) ||
       (changes_lane && std::abs(h) < kNearlyParallel && std::abs(shift) >= limits.drift_shift)) {
     return AsideWords(evidence, Side(shift));
   }
   if (std::abs(h) >= kBearing) return absl::StrCat("bear ", side);
-  // A mean that trembles at its end seems shifted, but ends on the other side or nowhere.
-  const double end = mean(mean.rows() - 1, 1);
-  if (std::min(std::copysign(shift, shift * end), std::abs(end)) >= limits.drift_shift) {
-    return absl::StrCat("drift ", Side(end));
-  }
-  return "";
+  return clear_shift >= limits.drift_shift ? absl::StrCat("drift ", Side(end)) : "";
 }
 
 // Words for how fast a straight path is driven.

@@ -155,6 +155,11 @@ TEST(ActionNamesTest, NamesShiftsToTheSide) {
               return Place{6.8 * t, 0.7 * std::max(0.0, t - 4.4)};
             }),
             "keep straight");
+  // 6.9 degrees to the right: d = 53 m tan(3.5 degrees) - 0.8 m = 2.4 m, of no lane change.
+  EXPECT_EQ(PlaceName([](double t) {
+              return Place{10.7 * t, -1.3 * std::max(0.0, t - 4.4)};
+            }),
+            "keep straight");
 }
 
 TEST(ActionNamesTest, TheExamplesDecideWhatTheMeanLeavesOpen) {
