@@ -6,7 +6,8 @@
 #
 #   deploy/quickstart.sh [--keep-running] [--recordings N] [--data-dir DIR] [--preset NAME]
 #
-# --preset paper learns the paper's own model in place of the default; docs/explanation/model.md has the others.
+# --preset paper learns the paper's own model in place of the default, which takes about 20 minutes;
+# docs/explanation/model.md has the others.
 # Run again, it builds only what changed and uses the town and the model that
 # are already there; --fresh starts over.
 set -euo pipefail
@@ -17,7 +18,7 @@ fresh=false
 recordings=240
 work="$PWD/build/quickstart"
 preset=lanes
-usage() { sed -n '2,13s/^# \{0,1\}//p' "$0"; }
+usage() { sed -n '2,14s/^# \{0,1\}//p' "$0"; }
 while [ $# -gt 0 ]; do
   case "$1" in
     --keep-running) keep_running=true ;;

@@ -272,7 +272,7 @@ std::vector<TargetPanel::Key> TargetPanel::Keys(bool truth) const {
   }
   keys.push_back({kTarget, 2.6, "target, past second"});
   if (truth) keys.push_back({kTruth, 2.6, "what it really did"});
-  if (!lane_paths_.empty()) keys.push_back({kLanePath, 2.6, "lane paths"});
+  if (!lane_paths_.empty()) keys.push_back({kLanePath, 2.6, "lane paths, leaders ringed"});
   return keys;
 }
 

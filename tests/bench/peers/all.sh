@@ -25,6 +25,8 @@ block() {
 if (cd "$here" && node -e 'require.resolve("onnxruntime-node")' 2>/dev/null); then
   block "ONNX Runtime" node "$here/onnxruntime.cjs" "$@"
   block "ONNX Runtime, the engine in f32 as well" env F32=1 node "$here/onnxruntime.cjs" "$@"
+  reads_raster "$1" || printf '%s\n\n' \
+    "The engine skips lane paths and agents that are not there, so one recording says little ([speed.md](speed.md#beside-onnx-runtime) has 15)."
   work=$(mktemp -d)
   trap 'rm -rf "$work"' EXIT
   "$bin/maneuver-bench" --model resnet50 --write-model "$work/resnet50" >&2
