@@ -15,9 +15,12 @@ namespace maneuver::learning {
 // Returns the bin of scene_covariance.speed_factor for each speed in m/s. [N]
 at::Tensor SpeedBins(const at::Tensor& speeds);
 
-// Returns the factors of the along and across variances for each speed bin, [6, 2], that make
-// held-out trajectories most likely under the mixture over p(y|s). Bins with few examples are drawn
-// towards the mean of all bins.
+// Returns the factors f of the along and across variances for each speed bin b, [6, 2], that make
+// held-out trajectories most likely under the mixture over p(y|s). Bins with few of the N examples
+// are drawn towards the mean of all bins. Minimises, with L as for NllGradient:
+//
+//   L + 150 / N sum_{b,d} (ln f_bd - mean_b' ln f_b'd)^2
+//
 at::Tensor FitSpeedFactors(const Predictions& held_out);
 // Returns the steps that FitSpeedFactors takes for this many examples.
 PlannedSteps SpeedFactorSteps(int64_t examples);
