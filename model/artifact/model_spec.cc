@@ -255,8 +255,9 @@ std::vector<scene::FieldViolation> ValidateModelSpec(const v1::ModelSpec& spec) 
     CheckMlp(spec.decoder_covariance(), "decoder_covariance", &rules);
   }
   if (spec.has_scene_covariance()) CheckMlp(spec.scene_covariance(), "scene_covariance", &rules);
-  rules.Require(v1::TrajectoryReference_IsValid(spec.reference()), "reference",
-                "is not one that this version knows");
+  constexpr char kUnknown[] = "is not one that this version knows";
+  rules.Require(v1::TrajectoryReference_IsValid(spec.reference()), "reference", kUnknown);
+  rules.Require(v1::Objective_IsValid(spec.objective()), "objective", kUnknown);
   rules.Between("decoder_stddev", "metres", spec.decoder_stddev(), 1e-3, 100.0);
   if (rules.all_hold()) CheckMemory(spec, &rules);
   return std::move(rules).violations();

@@ -26,6 +26,7 @@ namespace {
 using google::protobuf::FieldDescriptor;
 using google::protobuf::Message;
 
+constexpr int kLeastStrideNanos = 10'000'000;  // 0.01 s, as in the other requests
 constexpr int kDualPosteriorEpochs = 6;
 constexpr int kCovarianceWidth = 64;  // of the predicted covariance's hidden layer
 
@@ -327,9 +328,14 @@ v1::TrainingSettings ParsePreset(std::initializer_list<const char*> texts) {
 }
 
 void CheckExamples(const v1::ExampleSettings& examples, FieldRules* rules) {
-  rules->Positive("examples.stride", examples.stride());
+  const auto check_stride = [rules](const char* field, const google::protobuf::Duration& stride) {
+    if (!rules->Positive(field, stride)) return;
+    rules->Require(stride.seconds() > 0 || stride.nanos() >= kLeastStrideNanos, field,
+                   "must be at least 0.01 s");
+  };
+  check_stride("examples.stride", examples.stride());
   if (examples.has_training_stride()) {
-    rules->Positive("examples.training_stride", examples.training_stride());
+    check_stride("examples.training_stride", examples.training_stride());
   }
   rules->Require(examples.keep_standing() > 0 && examples.keep_standing() <= 1,
                  "examples.keep_standing", "must be more than 0 and at most 1");
@@ -348,6 +354,13 @@ void CheckExamples(const v1::ExampleSettings& examples, FieldRules* rules) {
 
 void CheckOptimization(const v1::OptimizationSettings& optimization, v1::Objective objective,
                        FieldRules* rules) {
+  constexpr char kUnknown[] = "is not one that this version knows";
+  rules->Require(v1::MixturePlacement_IsValid(optimization.mixture_placement()),
+                 "optimization.mixture_placement", kUnknown);
+  rules->Require(v1::Responsibilities_IsValid(optimization.responsibilities()),
+                 "optimization.responsibilities", kUnknown);
+  rules->Require(v1::DecoderCovariance_IsValid(optimization.decoder_covariance()),
+                 "optimization.decoder_covariance", kUnknown);
   const auto check_epochs = [rules](const char* field, int epochs, int fewest = 1) {
     rules->Between(field, "epochs", epochs, fewest, 10'000);
   };
