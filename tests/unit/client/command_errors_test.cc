@@ -7,11 +7,10 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include <ext/stdio_sync_filebuf.h>
-
 #include <array>
 #include <csignal>
 #include <cstdio>
+#include <ext/stdio_sync_filebuf.h>
 #include <filesystem>
 #include <fstream>
 #include <memory>
