@@ -58,9 +58,6 @@ absl::Status ListPage(data::DatasetStore& datasets, const v1::ListScenariosReque
   return absl::OkStatus();
 }
 
-// A description is counted while the caller waits.
-constexpr int kLeastStrideNanos = 10'000'000;
-
 absl::StatusOr<v1::DatasetSummary> Describe(const data::DatasetStore& datasets,
                                             const v1::DescribeDatasetRequest& request) {
   const auto id = security::ParseDatasetName(request.name(), "name");
@@ -70,10 +67,6 @@ absl::StatusOr<v1::DatasetSummary> Describe(const data::DatasetStore& datasets,
   settings = artifact::ResolveTrainingSettings(settings);
   const auto violations = artifact::ValidateTrainingSettings(settings);
   if (!violations.empty()) return errors::InvalidFields(violations);
-  const auto& stride = settings.examples().stride();
-  if (stride.seconds() == 0 && stride.nanos() < kLeastStrideNanos) {
-    return errors::InvalidField("examples.stride", "must be at least 0.01 s");
-  }
   return datasets.Describe(*id, settings.model(), settings.examples());
 }
 
