@@ -232,9 +232,12 @@ std::string Objection(const TagHead& head, const Schema& schema) {
   if (head.action_rows_size() != schema.content.action_names_size()) {
     return "it has another number of actions than the tags' model";
   }
+  int64_t others = head.rows();  // rows of the actions that follow
   for (const int64_t rows : head.action_rows()) {
-    if (rows < 0 || rows > head.rows()) return "an action's number of rows is out of range";
+    if (rows < 0 || rows > others) return "an action's number of rows is out of range";
+    others -= rows;
   }
+  if (others != 0) return "its rows are more than those of all actions";
   return "";
 }
 

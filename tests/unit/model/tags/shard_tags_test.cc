@@ -172,6 +172,17 @@ TEST_F(ShardTagsTest, ANumberOfRowsThatCannotBeIsFoundThoughTheChecksumIsRight) 
   }
 }
 
+TEST_F(ShardTagsTest, ActionsWhoseRowsAreNotAllRowsAreFoundThoughTheChecksumIsRight) {
+  const std::string good = Bytes();
+  TagHead head = HeadOf(good);
+  head.set_action_rows(0, 0);  // a query for this action would leave the file out
+  EXPECT_TRUE(absl::IsDataLoss(StatusWith(WithHead(good, head))));
+  head.set_action_rows(0, 1);
+  EXPECT_TRUE(StatusWith(WithHead(good, head)).ok());
+  head.set_action_rows(1, 1);
+  EXPECT_TRUE(absl::IsDataLoss(StatusWith(WithHead(good, head))));
+}
+
 TEST_F(ShardTagsTest, ACutFileIsFound) {
   const std::string good = Bytes();
   for (size_t bytes = 0; bytes < good.size(); ++bytes) {
