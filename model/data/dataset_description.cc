@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <deque>
+#include <functional>
 #include <numbers>
 #include <optional>
 #include <span>
@@ -295,8 +296,12 @@ class Records {
   absl::Status status_ ABSL_GUARDED_BY(mutex_);
 };
 
-void CountAll(Records& records, Counts* counts) {
+void CountAll(Records& records, const std::function<bool()>& gives_up, Counts* counts) {
   while (const auto record = records.Take()) {
+    if (gives_up && gives_up()) {
+      records.Fail(absl::CancelledError("nobody waits for the description any longer"));
+      return;
+    }
     v1::Scenario scenario;
     if (!scenario.ParseFromString(record->payload)) {
       records.Fail(NotAMessage(record->shard, record->offset, "a Scenario"));
@@ -310,8 +315,8 @@ void CountAll(Records& records, Counts* counts) {
 
 absl::StatusOr<v1::DatasetSummary> DescribeDataset(const std::filesystem::path& folder,
                                                    const v1::ModelSpec& spec,
-                                                   const v1::ExampleSettings& settings,
-                                                   int threads) {
+                                                   const v1::ExampleSettings& settings, int threads,
+                                                   const std::function<bool()>& gives_up) {
   const auto manifest = ReadDatasetManifest(folder);
   if (!manifest.ok()) return manifest.status();
   const auto wanted = static_cast<size_t>(threads > 0 ? threads : machine::UsableCores());
@@ -319,7 +324,7 @@ absl::StatusOr<v1::DatasetSummary> DescribeDataset(const std::filesystem::path& 
   Records records(kWaitingPerThread * useful);
   std::vector<Counts> counts(useful, Counts(spec, settings));
   std::vector<std::thread> workers;
-  for (Counts& each : counts) workers.emplace_back([&] { CountAll(records, &each); });
+  for (Counts& each : counts) workers.emplace_back([&] { CountAll(records, gives_up, &each); });
   int64_t skipped = 0;
   records.Fail(ForEachPayload(
       folder, v1::SHARD_CONTENT_SCENARIOS, OnDamage::kStop,

@@ -508,14 +508,16 @@ absl::StatusOr<std::vector<v1::ScenarioSummary>> DatasetStore::ListScenarios(con
 }
 
 absl::StatusOr<v1::DatasetSummary> DatasetStore::Describe(
-    const std::string& id, const v1::ModelSpec& spec, const v1::ExampleSettings& settings) const {
+    const std::string& id, const v1::ModelSpec& spec, const v1::ExampleSettings& settings,
+    const std::function<bool()>& gives_up) const {
   const auto manifest = Read(id);
   if (!manifest.ok()) return manifest.status();
   const fs::path kept = FolderOf(id) / DescriptionFile(spec, settings);
   std::optional<v1::DatasetSummary> summary = KeptDescription(kept);
   if (!summary) {
     const int threads = std::clamp(machine::UsableCores() / 4, 1, 4);
-    auto counted = DescribeDataset(FolderOf(id), spec, settings, threads);
+    auto counted = DescribeDataset(FolderOf(id), spec, settings, threads, gives_up);
+    if (absl::IsCancelled(counted.status())) return counted;
     if (!counted.ok()) return WhyUnread(id, counted.status());
     summary = *std::move(counted);
     KeepDescription(kept, *summary);

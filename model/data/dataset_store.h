@@ -12,6 +12,7 @@
 #include <chrono>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
 #include <string>
@@ -132,7 +133,8 @@ class DatasetStore {
   // Counts what a dataset contains (DescribeDataset, dataset_folder.h). Reads all of it on a
   // quarter of the cores, at most four, and keeps the answer beside the shards for the next call.
   absl::StatusOr<v1::DatasetSummary> Describe(const std::string& id, const v1::ModelSpec& spec,
-                                              const v1::ExampleSettings& settings) const;
+                                              const v1::ExampleSettings& settings,
+                                              const std::function<bool()>& gives_up = {}) const;
   // Returns one recording. Reads it from its place, by the indexes of its dataset. NOT_FOUND if the
   // dataset does not have it.
   absl::StatusOr<v1::Scenario> GetScenario(const std::string& id,

@@ -6,6 +6,7 @@
 #include <grpcpp/support/server_callback.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cstdint>
 #include <initializer_list>
 #include <string_view>
@@ -73,6 +74,11 @@ class CountedCall final : public InlineReactor<grpc::ServerUnaryReactor> {
     Finish(ToGrpcStatus(status));
   }
 
+  // Returns whether the caller has given up: it cancelled, its deadline passed, or it is no longer
+  // connected.
+  bool is_abandoned() const { return is_abandoned_; }
+
+  void OnCancel() override { is_abandoned_ = true; }
   void OnDone() override { delete this; }
 
  private:
@@ -83,10 +89,12 @@ class CountedCall final : public InlineReactor<grpc::ServerUnaryReactor> {
 
   serving::SendMemory& memory_;
   serving::SendMemory::Share share_;
+  std::atomic<bool> is_abandoned_ = false;
 };
 
 // Answers a unary call with the Status that `work` returns, from a thread of the pool. Adds a reason
-// to failures of the disk that have none. Refuses the call if too much waits, or as CountedCall does.
+// to failures of the disk that have none. Refuses the call if too much waits, or as CountedCall does;
+// ends it without its work if its caller has given up when its turn comes.
 template <typename Request, typename Response, typename Work>
 grpc::ServerUnaryReactor* AnswerFrom(const BlockingWork& blocking, const Request* request,
                                      const Response* response, Work work) {
@@ -94,6 +102,7 @@ grpc::ServerUnaryReactor* AnswerFrom(const BlockingWork& blocking, const Request
   const auto bytes = static_cast<int64_t>(request->ByteSizeLong());
   const bool accepted = blocking.pool.Post(
       [call, request, response, work = std::move(work)] {
+        if (call->is_abandoned()) return call->Finish(grpc::Status::CANCELLED);
         call->Answer(request, response, [&work] { return errors::WithStorageReason(work()); });
       },
       bytes);

@@ -1,5 +1,6 @@
 #include "server/rpc/dataset_service.h"
 
+#include <functional>
 #include <limits>
 #include <string>
 #include <utility>
@@ -59,7 +60,8 @@ absl::Status ListPage(data::DatasetStore& datasets, const v1::ListScenariosReque
 }
 
 absl::StatusOr<v1::DatasetSummary> Describe(const data::DatasetStore& datasets,
-                                            const v1::DescribeDatasetRequest& request) {
+                                            const v1::DescribeDatasetRequest& request,
+                                            const std::function<bool()>& gives_up) {
   const auto id = security::ParseDatasetName(request.name(), "name");
   if (!id.ok()) return id.status();
   v1::TrainingSettings settings;
@@ -67,7 +69,7 @@ absl::StatusOr<v1::DatasetSummary> Describe(const data::DatasetStore& datasets,
   settings = artifact::ResolveTrainingSettings(settings);
   const auto violations = artifact::ValidateTrainingSettings(settings);
   if (!violations.empty()) return errors::InvalidFields(violations);
-  return datasets.Describe(*id, settings.model(), settings.examples());
+  return datasets.Describe(*id, settings.model(), settings.examples(), gives_up);
 }
 
 absl::StatusOr<v1::Dataset> Register(const data::DatasetStore& datasets,
@@ -142,11 +144,11 @@ grpc::ServerUnaryReactor* DatasetService::GetDataset(grpc::CallbackServerContext
   });
 }
 
-grpc::ServerUnaryReactor* DatasetService::DescribeDataset(grpc::CallbackServerContext*,
+grpc::ServerUnaryReactor* DatasetService::DescribeDataset(grpc::CallbackServerContext* rpc,
                                                           const v1::DescribeDatasetRequest* request,
                                                           v1::DatasetSummary* response) {
-  return AnswerFrom(blocking_, request, response, [this, request, response]() -> absl::Status {
-    return Answer(Describe(datasets_, *request), response);
+  return AnswerFrom(blocking_, request, response, [this, rpc, request, response]() -> absl::Status {
+    return Answer(Describe(datasets_, *request, [rpc] { return rpc->IsCancelled(); }), response);
   });
 }
 

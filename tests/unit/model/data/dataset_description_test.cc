@@ -100,6 +100,14 @@ TEST_F(DatasetDescriptionTest, CountsExamplesAndStandingOnes) {
   EXPECT_EQ(summary.example_settings().SerializeAsString(), Settings().SerializeAsString());
 }
 
+TEST_F(DatasetDescriptionTest, EndsBeforeTheNextRecordingOnceItIsGivenUp) {
+  int asked = 0;
+  const auto summary = DescribeDataset(folder_ / "town", Spec(), Settings(), /*threads=*/1,
+                                       [&asked] { return ++asked == 2; });
+  EXPECT_TRUE(absl::IsCancelled(summary.status())) << summary.status();
+  EXPECT_EQ(asked, 2);
+}
+
 TEST_F(DatasetDescriptionTest, CountsExamplesOfEveryTypeAndDescribesVehicles) {
   const v1::DatasetSummary summary = Describe();
   EXPECT_EQ(summary.examples_by_type().at("VEHICLE"), summary.examples());

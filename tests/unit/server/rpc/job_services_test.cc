@@ -5,7 +5,12 @@
 #include <gtest/gtest.h>
 #include <sqlite3.h>
 
+#include <algorithm>
+#include <chrono>
+#include <latch>
+#include <memory>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "maneuver/v1/dataset_service.grpc.pb.h"
@@ -202,6 +207,39 @@ TEST_F(JobServicesTest, ListsDescribesReadsAndDeletesAnUploadedDataset) {
   grpc::ClientContext eighth;
   EXPECT_EQ(Reason(datasets_stub_->DeleteDataset(&eighth, remove, &nothing)), "DATASET_NOT_FOUND");
   EXPECT_THAT(NamesInStore(), ElementsAre("town", "village"));
+}
+
+TEST_F(JobServicesTest, ACallThatIsGivenUpIsNotMadeWhenItsTurnComes) {
+  bool is_kept = false;
+  // The server learns of it a moment after the caller.
+  for (const int milliseconds : {100, 1'000, 10'000}) {
+    const grpc::Status uploaded = Upload({Header("datasets/a"), Chunk(Bytes())});
+    ASSERT_TRUE(uploaded.ok()) << uploaded.error_message();
+    const auto opens = std::make_shared<std::latch>(1);
+    for (int i = 0; i < 2; ++i) ASSERT_TRUE(pool_.Post([opens] { opens->wait(); }));
+    grpc::ClientContext context;
+    context.set_deadline(std::chrono::system_clock::now() + std::chrono::milliseconds(50));
+    v1::DeleteDatasetRequest remove;
+    remove.set_name("datasets/a");
+    google::protobuf::Empty nothing;
+    EXPECT_EQ(datasets_stub_->DeleteDataset(&context, remove, &nothing).error_code(),
+              grpc::StatusCode::DEADLINE_EXCEEDED);
+    std::this_thread::sleep_for(std::chrono::milliseconds(milliseconds));
+    opens->count_down();
+    // Both threads meet here, so what was posted earlier is done.
+    const auto meet = std::make_shared<std::latch>(2);
+    const auto met = std::make_shared<std::latch>(2);
+    for (int i = 0; i < 2; ++i) {
+      ASSERT_TRUE(pool_.Post([meet, met] {
+        meet->arrive_and_wait();
+        met->count_down();
+      }));
+    }
+    met->wait();
+    is_kept = std::ranges::count(NamesInStore(), "a") == 1;
+    if (is_kept) break;
+  }
+  EXPECT_TRUE(is_kept);
 }
 
 TEST_F(JobServicesTest, RefusesEveryWrongUploadWithItsReasonAndLeavesNothing) {
