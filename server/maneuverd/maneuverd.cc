@@ -83,6 +83,8 @@ const absl::Duration kBetweenSweeps = absl::Hours(1);
 constexpr std::chrono::seconds kFollowInterval{1};  // what other servers decide
 constexpr size_t kMaxWaitingForDisk = 256;
 constexpr size_t kMaxWaitingToSend = 128;  // some 20 kB each
+// How long work on the disk may take to end after the last call and the last trainer.
+constexpr std::chrono::seconds kLastWork{10};
 // Parts of the memory's limit.
 constexpr double kFilled = 0.6;
 constexpr double kUrgent = 0.9;
@@ -122,6 +124,16 @@ class TerminationSignals {
  private:
   sigset_t signals_;
 };
+
+// Ends the process after `time`, if it is still there. A disk or a store that hangs does not hold up
+// the end; what waits for it is lost as in a crash, and nobody was told that it is done.
+void ExitAfter(std::chrono::milliseconds time) {
+  std::thread([time] {
+    std::this_thread::sleep_for(time);
+    Log(LogLevel::kError, "ending at once: the disk or the store does not answer");
+    _exit(1);
+  }).detach();
+}
 
 jobs::SupervisorOptions SupervisorOptionsFor(const ServerOptions& options) {
   jobs::SupervisorOptions supervisor;
@@ -413,6 +425,8 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
        {"delay_seconds", std::chrono::duration<double>(options.shutdown_delay).count()},
        {"timeout_seconds", std::chrono::duration<double>(options.shutdown_timeout).count()}});
   const auto refusing = std::chrono::system_clock::now() + options.shutdown_delay;
+  ExitAfter(options.shutdown_delay + options.shutdown_timeout +
+            SupervisorOptionsFor(options).patience + kLastWork);
   (*server)->TurnHealth();
   (*supervisor)->Stop();
   report.reset();  // the others no longer count on this server

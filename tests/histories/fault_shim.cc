@@ -3,7 +3,7 @@
 //
 // MANEUVER_FAULTS names a file of four little-endian int64, which may change at any time:
 //   [0] an errno: operations below the folder MANEUVER_FAULT_ROOT that would change the disk fail with it; with
-//       ENOSPC only those that need room; 0: none
+//       ENOSPC only those that need room; -1: they never return; 0: none
 //   [1] so many of them still succeed
 //   [2] so many of them fail after that; the shim counts both down
 //   [3] nanoseconds that are added to the time of day
@@ -87,6 +87,7 @@ bool Fails(bool needs_room) {
   if (__atomic_fetch_sub(&faults->succeed, 1, __ATOMIC_RELAXED) > 0) return false;
   if (__atomic_fetch_sub(&faults->fail, 1, __ATOMIC_RELAXED) <= 0) return false;
   errno = static_cast<int>(__atomic_load_n(&faults->error, __ATOMIC_RELAXED));
+  while (errno < 0) pause();
   return errno != 0;
 }
 

@@ -106,7 +106,7 @@ class Faults:
 
     def arm(self, error, succeed, fail):
         self.armed = error
-        self.told = f"{errno.errorcode[error]} after {succeed} operations, {fail} times"
+        self.told = f"{errno.errorcode.get(error, 'hangs')} after {succeed} operations, {fail} times"
         self._map[8:24] = struct.pack("<qq", succeed, fail)
         self._map[0:8] = struct.pack("<q", error)
 
