@@ -2,17 +2,26 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <ostream>
 
 namespace maneuver::cli {
 namespace {
 
+// CLI::Range accepts "nan".
+std::string NanError(const std::string& text) {
+  double number = 0.0;
+  const bool is_nan = CLI::detail::lexical_cast(text, number) && std::isnan(number);
+  return is_nan ? "Value " + text + " is not a number" : "";
+}
+
 template <typename Number>
 CLI::Option* AddNumber(CLI::App* app, const std::string& flags, Number* value, Number least,
                        Number most, const std::string& help) {
   return app->add_option(flags, *value, help)
       ->check(CLI::Range(least, most).description(""))
+      ->check(NanError)
       ->type_name("NUMBER");
 }
 
@@ -24,6 +33,7 @@ CLI::Option* AddOptionalNumber(CLI::App* app, const std::string& flags,
       ->add_option_function<Number>(
           flags, [value](const Number& given) { *value = given; }, help)
       ->check(CLI::Range(least, most).description(""))
+      ->check(NanError)
       ->type_name("NUMBER");
 }
 

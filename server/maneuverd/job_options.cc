@@ -8,6 +8,7 @@
 
 #include "model/machine/usable_cores.h"
 #include "model/machine/usable_memory.h"
+#include "server/maneuverd/finite_range.h"
 
 namespace maneuver {
 namespace {
@@ -19,7 +20,7 @@ constexpr double kMostDays = 36'500.0;
 void AddScaled(CLI::App& app, const std::string& name, const std::string& unset, double most,
                const std::string& help, std::function<void(double)> set) {
   app.add_option_function<double>(name, std::move(set), help)
-      ->check(CLI::Range(0.0, most))
+      ->check(FiniteRange(0.0, most))
       ->default_str(unset);
 }
 

@@ -21,6 +21,7 @@
 #include "absl/strings/str_split.h"
 #include "model/machine/usable_cores.h"
 #include "server/maneuverd/configuration.h"
+#include "server/maneuverd/finite_range.h"
 #include "server/store/store_address.h"
 
 namespace maneuver {
@@ -122,11 +123,11 @@ void AddSecurityFlags(CLI::App& app, SecurityFlags* flags, ServerOptions* option
   app.add_flag("--insecure", flags->insecure, "Allow listening beyond loopback in plain text");
   app.add_option("--rate-limit", options->access.calls_per_second,
                  "Most calls a second of each client; 0: any number")
-      ->check(CLI::Range(0.0, 1e9))
+      ->check(FiniteRange(0.0, 1e9))
       ->capture_default_str();
   app.add_option("--rate-limit-targets", options->access.targets_per_second,
                  "Most targets a second of each client; 0: any number")
-      ->check(CLI::Range(0.0, 1e9))
+      ->check(FiniteRange(0.0, 1e9))
       ->capture_default_str();
   app.add_option("--max-message", flags->max_message_mib, "Largest message accepted, MiB")
       ->check(CLI::Range(1, 1024))
@@ -328,7 +329,7 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
       ->capture_default_str();
   app.add_option("--max-queue-delay", max_queue_delay_ms,
                  "Milliseconds that a batch below --max-batch waits for more targets")
-      ->check(CLI::Range(0.0, 1000.0))
+      ->check(FiniteRange(0.0, 1000.0))
       ->capture_default_str();
   app.add_option("--max-queue", options.scheduler.queue.max_queue,
                  "Most waiting targets of each priority; above it calls are refused")
@@ -370,7 +371,7 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
   app.add_option("--shadow-fraction", options.shadow.fraction,
                  "Share of the requests, 0 to 1, that the alias candidate answers too, after the "
                  "caller has its answer; metrics show how far both answers differ")
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(FiniteRange(0.0, 1.0))
       ->capture_default_str();
   app.add_option("--outcome-memory", options.outcome_memory,
                  "Most memory of answers that are kept so that their outcomes can be reported by "
@@ -398,7 +399,7 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
            options.datasets.keep_uploads = std::chrono::seconds(std::llround(3600.0 * hours));
          },
          "Hours to keep an interrupted upload after its last byte; 0: for ever")
-      ->check(CLI::Range(0.0, 1e5))
+      ->check(FiniteRange(0.0, 1e5))
       ->default_str("24");
   app.add_option("--serve", serve,
                  "Versions of models, such as town/3,highway/2, that get the alias serving when "
@@ -423,11 +424,11 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
   app.add_option("--shutdown-delay", shutdown_delay_s,
                  "Seconds after SIGTERM in which new calls are still accepted while health says "
                  "NOT_SERVING; set it to the time that a balancer takes to notice")
-      ->check(CLI::Range(0.0, 3600.0))
+      ->check(FiniteRange(0.0, 3600.0))
       ->capture_default_str();
   app.add_option("--shutdown-timeout", shutdown_timeout_s,
                  "Seconds after --shutdown-delay for calls in flight to finish")
-      ->check(CLI::Range(0.0, 3600.0))
+      ->check(FiniteRange(0.0, 3600.0))
       ->capture_default_str();
   const std::vector<std::string> arguments(argv + 1, argv + argc);
   // Help is given even where the environment is wrong.

@@ -155,6 +155,18 @@ TEST(CommandErrorsTest, RefusesAPictureThatIsNotPng) {
                                     "out/x.png"));
 }
 
+TEST(CommandErrorsTest, RefusesWhatIsNotANumber) {
+  for (const std::vector<std::string>& arguments : std::vector<std::vector<std::string>>{
+           {"--timeout", "nan", "health"},
+           {"load", "scene.json", "--rate", "nan"},
+           {"load", "scene.json", "--duration", "-NaN"},
+           {"synthesize", "town", "--duration", "nan(7)"}}) {
+    const Result result = Maneuver(arguments);
+    EXPECT_EQ(result.status, kUsage) << arguments[0];
+    EXPECT_THAT(result.err, HasSubstr("is not a number")) << arguments[0];
+  }
+}
+
 TEST(CommandErrorsTest, RefusesAZeroThatMeansThePresetsValue) {
   for (const std::vector<std::string>& zero : std::vector<std::vector<std::string>>{
            {"--epochs", "0"},

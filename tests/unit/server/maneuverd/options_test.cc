@@ -78,6 +78,16 @@ TEST_F(OptionsTest, TheEnvironmentCanNameTheFileAndTurnFlagsOff) {
   EXPECT_THAT(off.err, HasSubstr("--listen"));
 }
 
+TEST_F(OptionsTest, RefusesWhatIsNotANumber) {
+  for (const std::string option : {"--rate-limit", "--rate-limit-targets", "--job-time-limit",
+                                   "--shutdown-timeout", "--shadow-fraction", "--keep-jobs"}) {
+    const Outcome outcome = Parse({"--data-dir", "d", option, "nan"});
+    EXPECT_TRUE(outcome.refused()) << option;
+    EXPECT_THAT(outcome.err, HasSubstr("is not a number")) << option;
+  }
+  EXPECT_TRUE(Parse({"--data-dir", "d"}, {"MANEUVERD_RATE_LIMIT=-nan"}).refused());
+}
+
 TEST_F(OptionsTest, ARoleNeedsServersThatShare) {
   EXPECT_EQ(Parse({"--data-dir", "d"}).options().role, Role::kAll);
   const Outcome alone = Parse({"--data-dir", "d", "--role", "serve"});
