@@ -10,7 +10,7 @@
 #include <algorithm>
 #include <fstream>
 #include <memory>
-#include <sstream>
+#include <string>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -31,12 +31,19 @@ bool IsLocalHost(const std::string& address) {
   return host == "localhost";
 }
 
+// Of certificates, keys and tokens.
 absl::StatusOr<std::string> ReadAll(const std::string& file) {
+  constexpr size_t kMostBytes = size_t{16} << 20;  // all authorities that there are have 0.3 MB
   std::ifstream stream(file, std::ios::binary);
-  std::ostringstream text;
-  text << stream.rdbuf();
-  if (!stream) return absl::NotFoundError(absl::StrCat(file, " cannot be read"));
-  return text.str();
+  std::string text(kMostBytes + 1, '\0');
+  stream.read(text.data(), static_cast<std::streamsize>(text.size()));
+  if (!stream.is_open() || stream.bad()) {
+    return absl::NotFoundError(absl::StrCat(file, " cannot be read"));
+  }
+  if (stream.gcount() == 0) return absl::InvalidArgumentError(absl::StrCat(file, " is empty"));
+  text.resize(static_cast<size_t>(stream.gcount()));
+  if (text.size() <= kMostBytes) return text;
+  return absl::InvalidArgumentError(absl::StrCat(file, " has more than 16 MiB"));
 }
 
 constexpr std::string_view kCertificate = "CERTIFICATE-----";

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
@@ -38,6 +39,21 @@ std::string WithPort(const std::string& address) {
   return absl::StrCat(address, ":", kDefaultPort);
 }
 
+// gRPC would connect to the port modulo 65536.
+absl::Status CheckPort(const std::string& address) {
+  constexpr int kMostPort = 65535;
+  if (address.starts_with("unix:")) return absl::OkStatus();
+  const std::string_view port = std::string_view(address).substr(address.rfind(':') + 1);
+  const bool is_number = !port.empty() && port.find_first_not_of("0123456789") == port.npos;
+  int number = 0;
+  if (!is_number ||
+      (absl::SimpleAtoi(std::string(port), &number) && number > 0 && number <= kMostPort)) {
+    return absl::OkStatus();
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat(address, ": the port is not from 1 to ", kMostPort));
+}
+
 }  // namespace
 
 absl::StatusOr<ServerAddress> ParseServerAddress(std::string_view address) {
@@ -46,11 +62,13 @@ absl::StatusOr<ServerAddress> ParseServerAddress(std::string_view address) {
   }
   if (address.starts_with(kDns)) {
     const std::string name = WithPort(std::string(address.substr(kDns.size())));
+    if (absl::Status status = CheckPort(name); !status.ok()) return status;
     return ServerAddress{absl::StrCat(std::string(kDns), name), true, {name}};
   }
   const std::vector<std::string> all = absl::StrSplit(std::string(address), ',');
   if (all.size() == 1) {
     const std::string one = WithPort(all.front());
+    if (absl::Status status = CheckPort(one); !status.ok()) return status;
     return ServerAddress{one, false, {one}};
   }
   const int family = FamilyOf(all.front());
@@ -62,6 +80,9 @@ absl::StatusOr<ServerAddress> ParseServerAddress(std::string_view address) {
                      ": several servers are named by their addresses, all IPv4 (10.0.0.1:8470,"
                      "10.0.0.2:8470) or all IPv6 ([fd00::1]:8470,...), or by a name that stands "
                      "for all of them: dns:///NAME:PORT"));
+  }
+  for (const std::string& one : all) {
+    if (absl::Status status = CheckPort(one); !status.ok()) return status;
   }
   return ServerAddress{absl::StrCat(family == AF_INET ? "ipv4:" : "ipv6:", absl::StrJoin(all, ",")),
                        true, all};

@@ -2,18 +2,27 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <filesystem>
 #include <ostream>
+#include <system_error>
+#include <type_traits>
 
 namespace maneuver::cli {
 namespace {
 
-// CLI::Range accepts "nan".
-std::string NanError(const std::string& text) {
-  double number = 0.0;
-  const bool is_nan = CLI::detail::lexical_cast(text, number) && std::isnan(number);
-  return is_nan ? "Value " + text + " is not a number" : "";
+// CLI::Range accepts "nan", and takes 2^64 for the largest number that there is.
+template <typename Number>
+std::string NumberError(const std::string& text) {
+  Number number{};
+  if constexpr (std::is_integral_v<Number>) {
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+    return error == std::errc::result_out_of_range ? "Value " + text + " is out of range" : "";
+  } else {
+    const bool is_nan = CLI::detail::lexical_cast(text, number) && std::isnan(number);
+    return is_nan ? "Value " + text + " is not a number" : "";
+  }
 }
 
 template <typename Number>
@@ -21,7 +30,7 @@ CLI::Option* AddNumber(CLI::App* app, const std::string& flags, Number* value, N
                        Number most, const std::string& help) {
   return app->add_option(flags, *value, help)
       ->check(CLI::Range(least, most).description(""))
-      ->check(NanError)
+      ->check(NumberError<Number>)
       ->type_name("NUMBER");
 }
 
@@ -33,7 +42,7 @@ CLI::Option* AddOptionalNumber(CLI::App* app, const std::string& flags,
       ->add_option_function<Number>(
           flags, [value](const Number& given) { *value = given; }, help)
       ->check(CLI::Range(least, most).description(""))
-      ->check(NanError)
+      ->check(NumberError<Number>)
       ->type_name("NUMBER");
 }
 

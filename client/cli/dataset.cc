@@ -77,6 +77,13 @@ int ListDatasets(Environment& environment) {
                {"CREATED"},
                {"ORIGIN"}});
   for (const v1::Dataset& dataset : all.datasets()) {
+    if (dataset.format_version() == 0) {
+      const std::string name = ShortName(dataset.name());
+      table.Add({name, "-", "-", "-", "-", "damaged"});
+      environment.err << dataset.name() << " is damaged; maneuver dataset show " << name
+                      << " says how, maneuver dataset delete " << name << " removes it\n";
+      continue;
+    }
     table.Add({ShortName(dataset.name()), absl::StrCat(dataset.recordings()),
                Spell(dataset.duration_seconds()), Bytes(SizeBytes(dataset)),
                Moment(dataset.create_time()), dataset.origin()});

@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <ostream>
 #include <system_error>
+#include <utility>
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
@@ -34,6 +35,28 @@ std::string WithCommands(absl::string_view message) {
                                         "maneuver model actions shows those that it has"},
                                        {"register it with RegisterMap and repeat the request",
                                         "give the scene its map_features in place of map_id"}});
+}
+
+std::string MessageOf(const absl::Status& status) {
+  const std::string text = WithCommands(status.message());
+  return text.empty() ? absl::StatusCodeToString(status.code()) : text;
+}
+
+// Adds when to try again, the other missing names, and each wrong field on a line of its own.
+std::string WithDetails(std::string text, const client::ErrorDetails& details) {
+  if (details.retry_delay) {
+    absl::StrAppend(&text, "; try again in ", absl::FormatDuration(*details.retry_delay));
+  }
+  // The message has the first.
+  for (size_t i = 1; i < details.missing_action_names.size(); ++i) {
+    absl::StrAppend(&text, "\n  nor \"", details.missing_action_names[i], "\"");
+  }
+  for (const client::FieldViolation& violation : details.field_violations) {
+    const std::string line = absl::StrCat(violation.field, ": ", violation.description);
+    // A message may be its only violation.
+    if (!absl::StrContains(text, line)) absl::StrAppend(&text, "\n  ", line);
+  }
+  return text;
 }
 
 }  // namespace
@@ -151,8 +174,7 @@ bool Environment::Flush() {
 
 std::string Environment::Explain(const absl::Status& status) const {
   const client::ErrorDetails details = client::ErrorDetailsOf(status);
-  std::string text = WithCommands(status.message());
-  if (text.empty()) text = absl::StatusCodeToString(status.code());
+  std::string text = MessageOf(status);
   const std::string tls_failure =
       absl::IsUnavailable(status) ? ExplainTlsFailure(text, server, tls_options()) : "";
   if (!tls_failure.empty()) {
@@ -169,19 +191,11 @@ std::string Environment::Explain(const absl::Status& status) const {
     text = absl::StrCat("the server at ", server,
                         " does not know this call; it may be older than this command (", text, ")");
   }
-  if (details.retry_delay) {
-    absl::StrAppend(&text, "; try again in ", absl::FormatDuration(*details.retry_delay));
-  }
-  // The message has the first.
-  for (size_t i = 1; i < details.missing_action_names.size(); ++i) {
-    absl::StrAppend(&text, "\n  nor \"", details.missing_action_names[i], "\"");
-  }
-  for (const client::FieldViolation& violation : details.field_violations) {
-    const std::string line = absl::StrCat(violation.field, ": ", violation.description);
-    // A message may be its only violation.
-    if (!absl::StrContains(text, line)) absl::StrAppend(&text, "\n  ", line);
-  }
-  return text;
+  return WithDetails(std::move(text), details);
+}
+
+std::string Environment::Describe(const absl::Status& status) {
+  return WithDetails(MessageOf(status), client::ErrorDetailsOf(status));
 }
 
 }  // namespace maneuver::cli

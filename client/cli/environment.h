@@ -73,8 +73,11 @@ class Environment {
   int FailAt(const std::string& path, const absl::Status& status);
   // Reports an invalid command line in the same form as Fail. Returns kUsage.
   int Refuse(const std::string& message);
-  // Returns what Fail says: the message, what to do, then each wrong field on its own line.
+  // Returns what Fail says about a call: why it failed and what to do, as in Describe.
   std::string Explain(const absl::Status& status) const;
+  // Returns an error within an answer, as that of a job: the message, when to try again, then each
+  // wrong field on its own line.
+  static std::string Describe(const absl::Status& status);
   // Returns whether all answers could be written to `out`. If not, says so on `errors`. A pipe that
   // its reader has closed, as head does, is no failure.
   bool Flush();

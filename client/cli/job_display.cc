@@ -201,7 +201,7 @@ int PrintOutcome(const v1::Job& job, Environment& environment) {
   }
   if (job.state() == v1::JOB_STATE_FAILED) {
     environment.errors << "maneuver: " << job.name() << " failed: "
-                       << PrintableLines(environment.Explain(client::ToStatus(job.error())))
+                       << PrintableLines(Environment::Describe(client::ToStatus(job.error())))
                        << "\n";
     return kFailed;
   }

@@ -9,7 +9,7 @@
 #include <filesystem>
 #include <fstream>
 #include <istream>
-#include <sstream>
+#include <string>
 #include <string_view>
 #include <system_error>
 #include <vector>
@@ -42,31 +42,48 @@ std::string ValuesOfEnum(std::string_view message) {
   return absl::StrCat("; the values are ", absl::StrJoin(values, ", "));
 }
 
+absl::Status CannotRead(const std::string& name, int error) {
+  return absl::NotFoundError(
+      absl::StrCat("cannot read ", name, ": ", std::generic_category().message(error)));
+}
+
+absl::StatusOr<std::string> ReadAll(std::istream& stream, const std::string& name) {
+  constexpr size_t kMostBytes = size_t{1} << 30;  // as long as the longest message
+  std::string text;
+  std::vector<char> block(1 << 16);
+  errno = 0;
+  do {
+    stream.read(block.data(), static_cast<std::streamsize>(block.size()));
+    text.append(block.data(), static_cast<size_t>(stream.gcount()));
+    if (text.size() > kMostBytes) {
+      return absl::InvalidArgumentError(absl::StrCat(name, " has more than 1 GiB"));
+    }
+  } while (stream.good());
+  if (stream.bad()) return CannotRead(name, errno);
+  return text;
+}
+
 }  // namespace
 
 absl::StatusOr<std::string> ReadText(const std::string& path, Environment& environment) {
-  std::ostringstream text;
-  if (path == "-") {
-    text << environment.in.rdbuf();
-  } else {
-    errno = 0;
-    std::ifstream file(path, std::ios::binary);
-    std::error_code ignored;
-    if (std::filesystem::is_directory(path, ignored)) {
-      return absl::NotFoundError(absl::StrCat("cannot read ", path, ": it is a folder"));
-    }
-    if (!file) {
-      return absl::NotFoundError(
-          absl::StrCat("cannot read ", path, ": ", std::generic_category().message(errno)));
-    }
-    text << file.rdbuf();
+  if (path == "-") return ReadAll(environment.in, "standard input");
+  errno = 0;
+  std::ifstream file(path, std::ios::binary);
+  std::error_code ignored;
+  if (std::filesystem::is_directory(path, ignored)) {
+    return absl::NotFoundError(absl::StrCat("cannot read ", path, ": it is a folder"));
   }
-  return text.str();
+  return file ? ReadAll(file, path) : CannotRead(path, errno);
 }
 
 absl::Status ParseJson(const std::string& text, const std::string& path,
                        google::protobuf::Message* message) {
-  const auto status = google::protobuf::util::JsonStringToMessage(text, message);
+  // Some editors begin a file with this mark.
+  constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";
+  std::string_view json = text;
+  if (json.starts_with(kByteOrderMark)) json.remove_prefix(kByteOrderMark.size());
+  const auto status =
+      google::protobuf::util::JsonStringToMessage({json.data(), json.size()}, message);
   if (status.ok()) return absl::OkStatus();
   std::string_view why(status.message().data(), status.message().size());
   if (why.starts_with(": ")) why.remove_prefix(2);

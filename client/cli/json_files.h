@@ -13,7 +13,8 @@
 
 namespace maneuver::cli {
 
-// Reads all of a file, or of standard input if `path` is "-". NOT_FOUND if it cannot be read.
+// Reads all of a file, or of standard input if `path` is "-". NOT_FOUND if it cannot be read,
+// INVALID_ARGUMENT if it has more than 1 GiB.
 absl::StatusOr<std::string> ReadText(const std::string& path, Environment& environment);
 
 // Parses one message from the text of the file `path`. INVALID_ARGUMENT, naming the file, if the

@@ -41,7 +41,7 @@ std::string TargetName(const std::string& scenario_id, int64_t target_id) {
 
 void ReportItemError(const std::string& item, const v1::Status& error, Environment& environment) {
   environment.errors << "maneuver: " << Prefix(item)
-                     << PrintableLines(environment.Explain(client::ToStatus(error))) << "\n";
+                     << PrintableLines(Environment::Describe(client::ToStatus(error))) << "\n";
 }
 
 void ReportWarnings(const std::string& item, const SceneWarnings& warnings,

@@ -324,6 +324,7 @@ absl::StatusOr<v1::DatasetSummary> DescribeDataset(const std::filesystem::path& 
   Records records(kWaitingPerThread * useful);
   std::vector<Counts> counts(useful, Counts(spec, settings));
   std::vector<std::thread> workers;
+  workers.reserve(useful);
   for (Counts& each : counts) workers.emplace_back([&] { CountAll(records, gives_up, &each); });
   int64_t skipped = 0;
   records.Fail(ForEachPayload(

@@ -52,13 +52,16 @@ int RenameToNew(const fs::path& from, const fs::path& to) {
 }  // namespace
 
 absl::StatusOr<std::string> ReadFile(const fs::path& file) {
-  const int descriptor = open(file.c_str(), O_RDONLY | O_CLOEXEC);
+  const int descriptor = open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   if (descriptor < 0) return ErrnoStatus(errno, "open", file);
-  std::string content;
   struct stat about {};
-  if (fstat(descriptor, &about) == 0 && S_ISREG(about.st_mode)) {
-    content.reserve(static_cast<size_t>(about.st_size));
+  if (fstat(descriptor, &about) != 0 || !S_ISREG(about.st_mode)) {
+    close(descriptor);
+    return S_ISDIR(about.st_mode) ? ErrnoStatus(EISDIR, "read", file)
+                                  : absl::DataLossError(NameOf(file) + " is not a file");
   }
+  std::string content;
+  content.reserve(static_cast<size_t>(about.st_size));
   char buffer[1 << 16];
   for (;;) {
     const ssize_t count = read(descriptor, buffer, sizeof buffer);

@@ -13,7 +13,8 @@
 
 namespace maneuver::files {
 
-// Returns the whole content. NOT_FOUND if there is no such file.
+// Returns the whole content. NOT_FOUND if there is no such file, DATA_LOSS if it is not a file: a
+// named pipe in its place is not waited for.
 absl::StatusOr<std::string> ReadFile(const std::filesystem::path& file);
 
 // Replaces `file` in one step: writes a temporary file beside it, syncs it, renames it and syncs

@@ -1,11 +1,21 @@
 #include "model/files/utf8.h"
 
 #include <algorithm>
+#include <iterator>
 
 namespace maneuver::files {
 namespace {
 
+constexpr size_t kMostBytesOfCharacter = 4;
+
 bool IsContinuation(char c) { return (static_cast<unsigned char>(c) & 0xc0) == 0x80; }
+
+bool ChangesDirection(std::string_view character) {
+  constexpr std::string_view kMarks[] = {"\u061c", "\u200e", "\u200f", "\u202a",
+                                         "\u202b", "\u202c", "\u202d", "\u202e",
+                                         "\u2066", "\u2067", "\u2068", "\u2069"};
+  return std::ranges::find(kMarks, character) != std::end(kMarks);
+}
 
 }  // namespace
 
@@ -44,10 +54,16 @@ bool IsControlCharacter(std::string_view character) {
 bool HasControlCharacters(std::string_view text) {
   while (!text.empty()) {
     const size_t length = std::max<size_t>(Utf8Length(text), 1);
-    if (IsControlCharacter(text.substr(0, length))) return true;
+    const std::string_view character = text.substr(0, length);
+    if (IsControlCharacter(character) || ChangesDirection(character)) return true;
     text.remove_prefix(length);
   }
   return false;
+}
+
+bool IsLongerThan(std::string_view text, size_t most) {
+  if (text.size() > most * kMostBytesOfCharacter) return true;
+  return text.size() - static_cast<size_t>(std::ranges::count_if(text, IsContinuation)) > most;
 }
 
 }  // namespace maneuver::files

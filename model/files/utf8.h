@@ -20,8 +20,14 @@ bool IsUtf8(std::string_view text);
 // for commands.
 bool IsControlCharacter(std::string_view character);
 
-// Returns whether UTF-8 text has a control character.
+// Returns whether UTF-8 text has a control character, or one that changes the direction of the text
+// around it and so makes it look like another (U+061C, U+200E, U+200F, U+202A to U+202E, U+2066 to
+// U+2069).
 bool HasControlCharacters(std::string_view text);
+
+// Returns whether UTF-8 text has more than `most` characters. Text that is not UTF-8 and has more
+// bytes than so many characters can have is longer, too.
+bool IsLongerThan(std::string_view text, size_t most);
 
 }  // namespace maneuver::files
 

@@ -4,6 +4,7 @@
 #include <charconv>
 #include <chrono>
 #include <memory>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -23,7 +24,7 @@ namespace {
 
 using StoredVersion = serving::VersionStore::StoredVersion;
 
-constexpr int kMaxLabelLength = 64;
+constexpr size_t kMaxLabelLength = 64;
 constexpr double kMostSpeed = 100.0;  // m/s, of GetActionSetRequest
 
 // The place in the list after which the next page starts: "{create time, ns}/{name}".
@@ -210,11 +211,6 @@ absl::Status CheckRequirements(const serving::VersionStore& store,
                             "REQUIREMENTS_NOT_MET", {{"evaluation", report->name()}});
 }
 
-// UTF-8: bytes that do not continue a character.
-int Characters(std::string_view text) {
-  return static_cast<int>(std::ranges::count_if(text, [](char c) { return (c & 0xC0) != 0x80; }));
-}
-
 }  // namespace
 
 ModelService::ModelService(serving::VersionStore& store, serving::ServingTable& table,
@@ -310,18 +306,23 @@ grpc::ServerUnaryReactor* ModelService::LabelAction(grpc::CallbackServerContext*
   return AnswerFrom(blocking_, request, response, [this, request, response]() -> absl::Status {
     const auto name = security::ParseModelVersionName(request->name(), "name");
     if (!name.ok()) return name.status();
-    if (Characters(request->label()) > kMaxLabelLength) {
+    const std::string& label = request->label();
+    if (files::IsLongerThan(label, kMaxLabelLength)) {
       return errors::InvalidField("label", "longer than 64 characters");
     }
-    if (files::HasControlCharacters(request->label())) {
+    if (files::HasControlCharacters(label)) {
       return errors::InvalidField("label", "has control characters; use text that can be printed");
     }
-    auto action = table_.LabelAction(*name, request->action_id(), request->label());
+    if (!label.empty() && label.find_first_not_of(' ') == std::string::npos) {
+      return errors::InvalidField("label", "is blank; leave it empty to remove the label");
+    }
+    auto action = table_.LabelAction(*name, request->action_id(), label);
     if (absl::IsOutOfRange(action.status())) {
       return errors::InvalidField("action_id", std::string(action.status().message()));
     }
-    if (action.ok()) *response = *std::move(action);
-    return action.status();
+    if (!action.ok()) return action.status();
+    *response = *std::move(action);
+    return absl::OkStatus();
   });
 }
 

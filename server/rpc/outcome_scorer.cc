@@ -4,6 +4,7 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
+#include "model/files/utf8.h"
 #include "server/errors/error_details.h"
 #include "server/rpc/guarded_service.h"
 #include "server/rpc/outcome_report.h"
@@ -14,8 +15,7 @@ namespace {
 
 // In memory, messages take about four times as much.
 constexpr int64_t kMostWaitingBytes = int64_t{128} << 20;
-// A character takes at most four bytes.
-constexpr size_t kMostRequestIdBytes = 4 * 128;
+constexpr size_t kMostRequestIdLength = 128;
 
 }  // namespace
 
@@ -39,7 +39,7 @@ absl::Status OutcomeScorer::Admit(const security::Credentials& caller,
   if (report.outcomes().empty()) {
     return errors::InvalidField("outcomes", "name at least one outcome");
   }
-  if (report.request_id().size() > kMostRequestIdBytes) {
+  if (files::IsLongerThan(report.request_id(), kMostRequestIdLength)) {
     return errors::InvalidField("request_id", "longer than 128 characters");
   }
   const int targets = CountTargets(report);

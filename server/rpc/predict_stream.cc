@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "model/files/utf8.h"
 #include "server/errors/error_details.h"
 #include "server/rpc/guarded_service.h"
 #include "server/rpc/prediction_admission.h"
@@ -22,6 +23,14 @@ constexpr size_t kMaxBytesInFlight = size_t{8} << 20;
 constexpr int64_t kMaxExpectedBytes = int64_t{64} << 20;
 constexpr size_t kMaxStreamedIdLength = 128;
 constexpr char kMethod[] = "/maneuver.v1.PredictionService/StreamPredict";
+
+// Of google.protobuf.Duration, by its contract.
+bool IsValid(const google::protobuf::Duration& duration) {
+  constexpr int32_t kNanosOfSecond = 1'000'000'000;
+  const bool has_two_signs = (duration.seconds() > 0 && duration.nanos() < 0) ||
+                             (duration.seconds() < 0 && duration.nanos() > 0);
+  return !has_two_signs && duration.nanos() > -kNanosOfSecond && duration.nanos() < kNanosOfSecond;
+}
 
 serving::TimePoint StreamDeadline(const StreamOutline& outline) {
   // Longer than a day is as good as never.
@@ -137,11 +146,15 @@ void PredictStream::Begin(std::shared_ptr<Entry> entry) {
 absl::Status PredictStream::Start(const std::shared_ptr<Entry>& entry) {
   const auto outline = ReadStreamOutline(entry->bytes);
   if (!outline) return errors::MalformedMessage();
-  if (outline->request_id.size() > kMaxStreamedIdLength) {
+  if (files::IsLongerThan(outline->request_id, kMaxStreamedIdLength)) {
     return errors::InvalidField("request_id", "longer than 128 characters");
   }
   auto& [request, response] = *entry->messages;
   response.set_request_id(outline->request_id);
+  if (outline->timeout && !IsValid(*outline->timeout)) {
+    return errors::InvalidField(
+        "timeout", "seconds and nanos must have one sign, and nanos be less than a second");
+  }
   if (absl::Status status = context_.access.Admit(kMethod, caller_); !status.ok()) return status;
   const serving::TimePoint deadline = StreamDeadline(*outline);
   // As for other calls, before the request is parsed.

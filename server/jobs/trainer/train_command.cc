@@ -24,6 +24,7 @@
 #include "server/jobs/trainer/rank_launcher.h"
 #include "server/jobs/trainer/settings_file.h"
 #include "server/jobs/trainer/stop_signal.h"
+#include "server/maneuverd/finite_range.h"
 
 namespace maneuver::trainer {
 namespace {
@@ -96,7 +97,7 @@ TrainCommand::TrainCommand(CLI::App& app)
   command_
       ->add_option("--checkpoint-interval", checkpoint_interval_,
                    "Least number of seconds between two checkpoints")
-      ->check(CLI::Range(0.0, 86400.0))
+      ->check(FiniteRange(0.0, 86400.0))
       ->capture_default_str()
       ->type_name("SECONDS");
   AddDataMemoryOption(*command_, &data_memory_);
@@ -130,7 +131,7 @@ TrainCommand::TrainCommand(CLI::App& app)
       ->add_option(
           "--rank-timeout", rank_timeout_,
           "With several ranks: give up if another rank does not answer for this many seconds")
-      ->check(CLI::Range(1.0, 86400.0))
+      ->check(FiniteRange(1.0, 86400.0))
       ->capture_default_str()
       ->type_name("SECONDS");
   const std::string next = "Of the evaluations that follow: ";

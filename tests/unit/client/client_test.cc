@@ -678,6 +678,11 @@ TEST(ClientTest, NamesInvalidCredentialFiles) {
       Client::Connect({.tls = TlsOptions{.root_certificates = empty}}).status()));
   EXPECT_TRUE(
       absl::IsInvalidArgument(Client::Connect({.tls = TlsOptions{.certificate = empty}}).status()));
+  const absl::Status endless =
+      Client::Connect({.tls = TlsOptions{.root_certificates = "/dev/zero"}}).status();
+  EXPECT_EQ(endless.message(), "/dev/zero has more than 16 MiB");
+  const absl::Status unread = Client::Connect({.token_file = "/proc/self/mem"}).status();
+  EXPECT_EQ(unread.message(), "/proc/self/mem cannot be read");
   const std::string key = folder / "ca.key";
   WriteBytes(key, "-----BEGIN PRIVATE KEY-----\nMC4=\n-----END PRIVATE KEY-----\n");
   const absl::Status key_as_authority =

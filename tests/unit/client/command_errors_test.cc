@@ -148,6 +148,26 @@ TEST_F(LocalErrorsTest, ChecksTheFigureFolderBeforeAskingTheServer) {
   EXPECT_THAT(result.err, HasSubstr("cannot write into the folder " + figures));
 }
 
+TEST(CommandErrorsTest, InputWithoutEndIsRefused) {
+  const Result scenes = Maneuver({"--server", kNobody, "predict", "/dev/zero"});
+  EXPECT_EQ(scenes.status, kUsage);
+  EXPECT_THAT(scenes.err, HasSubstr("/dev/zero has more than 1 GiB"));
+}
+
+TEST(CommandErrorsTest, AnErrorWhileReadingIsNotAnEmptyFile) {
+  // Memory that is not there cannot be read.
+  EXPECT_THAT(Maneuver({"--server", kNobody, "predict", "/proc/self/mem"}).err,
+              HasSubstr("cannot read /proc/self/mem: Input/output error"));
+}
+
+TEST(CommandErrorsTest, TheMarkThatSomeEditorsBeginAFileWithIsSkipped) {
+  client::TestServer server;
+  EXPECT_THAT(
+      Maneuver({"--server", server.address(), "predict", "-"}, absl::StrCat("\xef\xbb\xbf", kScene))
+          .err,
+      Not(HasSubstr("proto3 JSON")));
+}
+
 TEST(CommandErrorsTest, RefusesAPictureThatIsNotPng) {
   const Result result = Maneuver({"predict", "-", "--plot", "out/x.jpg"}, kScene);
   EXPECT_EQ(result.status, kUsage);
@@ -160,10 +180,19 @@ TEST(CommandErrorsTest, RefusesWhatIsNotANumber) {
            {"--timeout", "nan", "health"},
            {"load", "scene.json", "--rate", "nan"},
            {"load", "scene.json", "--duration", "-NaN"},
-           {"synthesize", "town", "--duration", "nan(7)"}}) {
+           {"synthesize", "/dev/null/town", "--duration", "nan(7)"}}) {
     const Result result = Maneuver(arguments);
     EXPECT_EQ(result.status, kUsage) << arguments[0];
     EXPECT_THAT(result.err, HasSubstr("is not a number")) << arguments[0];
+  }
+}
+
+TEST(CommandErrorsTest, RefusesIntegersBeyondTheLargest) {
+  for (const std::string seed :
+       {"9223372036854775808", "18446744073709551616", "-99999999999999999999"}) {
+    const Result result = Maneuver({"synthesize", "/dev/null/town", "--seed", seed});
+    EXPECT_EQ(result.status, kUsage) << seed;
+    EXPECT_THAT(result.err, HasSubstr(seed)) << seed;
   }
 }
 
@@ -263,6 +292,22 @@ TEST(CommandErrorsTest, AcceptsAZeroThatTheServerCanTellFromUnset) {
   EXPECT_TRUE(heard.has_mixture_epochs());
   EXPECT_EQ(heard.mixture_epochs(), 0);
   EXPECT_EQ(heard.joint_epochs(), 3);
+}
+
+TEST(CommandErrorsTest, AJobThatRanForTooLongDoesNotBlameTheServer) {
+  client::TestServer server;
+  server.on_watch = [](const auto&, auto* writer) {
+    v1::WatchJobResponse event;
+    event.mutable_job()->set_name("jobs/3f2a");
+    event.mutable_job()->set_state(v1::JOB_STATE_FAILED);
+    event.mutable_job()->mutable_error()->set_code(4);  // DEADLINE_EXCEEDED
+    event.mutable_job()->mutable_error()->set_message("the job ran for 60 s");
+    writer->Write(event);
+    return grpc::Status::OK;
+  };
+  const Result result = Maneuver({"--server", server.address(), "job", "watch", "3f2a"});
+  EXPECT_EQ(result.status, kFailed);
+  EXPECT_EQ(result.err, "maneuver: jobs/3f2a failed: the job ran for 60 s\n");
 }
 
 TEST(CommandErrorsTest, AMissedDeadlineNamesTheOptionThatSetIt) {

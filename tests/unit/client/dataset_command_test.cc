@@ -1,8 +1,10 @@
-// maneuver dataset show and annotate, of folders.
+// maneuver dataset show and annotate, of folders, and list.
 
 #include <gmock/gmock.h>
+#include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <sstream>
@@ -13,6 +15,7 @@
 #include "client/cli/command.h"
 #include "client/cli/dataset_show.h"
 #include "client/cli/maneuver.h"
+#include "maneuver/v1/dataset_service.grpc.pb.h"
 #include "model/data/dataset_folder.h"
 #include "tests/unit/model/data/recordings_for_tests.h"
 #include "tests/unit/temporary_folder.h"
@@ -55,6 +58,36 @@ class DatasetCommandTest : public testing::Test {
   std::ostringstream out_;
   std::ostringstream err_;
 };
+
+// Has one dataset, and one more that is damaged.
+class Datasets final : public v1::DatasetService::Service {
+  grpc::Status ListDatasets(grpc::ServerContext*, const v1::ListDatasetsRequest*,
+                            v1::ListDatasetsResponse* response) override {
+    response->add_datasets()->set_name("datasets/broken");
+    v1::Dataset* const sound = response->add_datasets();
+    sound->set_name("datasets/town");
+    sound->set_format_version(1);
+    sound->set_recordings(3);
+    sound->set_origin("a test");
+    return grpc::Status::OK;
+  }
+};
+
+TEST_F(DatasetCommandTest, ListsADamagedDatasetAsDamaged) {
+  Datasets datasets;
+  int port = 0;
+  const auto server = grpc::ServerBuilder()
+                          .AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port)
+                          .RegisterService(&datasets)
+                          .BuildAndStart();
+  EXPECT_EQ(Maneuver({"--server", absl::StrCat("127.0.0.1:", port), "dataset", "list"}), kOk);
+  EXPECT_THAT(out_.str(), AllOf(ContainsRegex("broken +- +- +- +- +damaged"),
+                                ContainsRegex("town +3 .*a test")));
+  EXPECT_EQ(err_.str(),
+            "datasets/broken is damaged; maneuver dataset show broken says how, maneuver dataset "
+            "delete broken removes it\n");
+  server->Shutdown(std::chrono::system_clock::now());
+}
 
 TEST_F(DatasetCommandTest, ShowsAFolderLikeADatasetOfTheServer) {
   EXPECT_EQ(Maneuver({"dataset", "show", town(), "--set", "examples.stride=1s"}), kOk)

@@ -54,6 +54,17 @@ TEST(ServerAddressTest, RefusesAListThatContainsANonAddress) {
   }
 }
 
+TEST(ServerAddressTest, RefusesAPortThatThereIsNot) {
+  for (const char* address :
+       {"planner:99999", "planner:0", "[::1]:65536", "dns:///planner:4294967297",
+        "10.0.0.1:8470,10.0.0.2:70000", "planner:99999999999999999999"}) {
+    EXPECT_TRUE(absl::IsInvalidArgument(ParseServerAddress(address).status())) << address;
+  }
+  for (const char* address : {"planner:1", "planner:65535", "unix:99999", "unix:/run/a:0"}) {
+    EXPECT_TRUE(ParseServerAddress(address).ok()) << address;
+  }
+}
+
 TEST(ServerAddressTest, IsLocalOnlyIfAllServersAreLocal) {
   EXPECT_TRUE(IsLocal("127.0.0.1:1,127.0.0.2:1"));
   EXPECT_TRUE(IsLocal("dns:///localhost:1"));

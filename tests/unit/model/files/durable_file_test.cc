@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
 
 #include <cerrno>
 #include <csignal>
@@ -45,6 +46,15 @@ TEST_F(DurableFileTest, AMissingFileIsNotFoundAndNamedWithoutItsFolder) {
   const auto content = ReadFile(folder_ / "absent");
   EXPECT_EQ(content.status().code(), absl::StatusCode::kNotFound);
   EXPECT_EQ(content.status().message(), "cannot open absent: no such file or folder");
+}
+
+TEST_F(DurableFileTest, WhatIsNotAFileIsRefusedAndNotWaitedFor) {
+  const fs::path pipe = folder_.path() / "pipe";
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  for (const fs::path& path : {pipe, folder_.path(), fs::path("/dev/zero")}) {
+    const absl::Status refused = ReadFile(path).status();
+    EXPECT_TRUE(absl::IsDataLoss(refused)) << refused;
+  }
 }
 
 TEST_F(DurableFileTest, AFailedWriteLeavesTheOldContentAndNoTemporary) {

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <string>
+
 namespace maneuver::files::utf8_test {
 namespace {
 
@@ -31,12 +33,22 @@ TEST(Utf8Test, TextIsUtf8IfAllOfItsCharactersAre) {
 }
 
 TEST(Utf8Test, FindsControlCharacters) {
-  for (const char* text : {"a\x1b[31m", "two\nlines", "\x7f", "csi \xc2\x9b", "\xc2\x80"}) {
+  for (const char* text : {"a\x1b[31m", "two\nlines", "\x7f", "csi \xc2\x9b", "\xc2\x80", "a\u202e",
+                           "\u2066b", "\u200f"}) {
     EXPECT_TRUE(HasControlCharacters(text)) << text;
   }
   for (const char* text : {"", "stop within 12 m", "\xc2\xa0", "B\xc3\x9b", "\xe2\x9b\x94"}) {
     EXPECT_FALSE(HasControlCharacters(text)) << text;
   }
+}
+
+TEST(Utf8Test, CountsCharactersAndNotBytes) {
+  EXPECT_FALSE(IsLongerThan("", 0));
+  EXPECT_FALSE(IsLongerThan("B\u00fcrger", 6));
+  EXPECT_TRUE(IsLongerThan("B\u00fcrger", 5));
+  EXPECT_FALSE(IsLongerThan("\U0001f697\U0001f697", 2));
+  // These are no characters, and still take memory.
+  EXPECT_TRUE(IsLongerThan(std::string(9, '\x80'), 2));
 }
 
 }  // namespace

@@ -112,13 +112,13 @@ TEST_F(ModelServiceTest, LabelsOverrideTheNamesOfActions) {
   EXPECT_EQ(labelled.display_name(), "reverse");
 }
 
-// They would reach the terminals of all who read the label.
-TEST_F(ModelServiceTest, RefusesALabelWithControlCharacters) {
+// They would reach the terminals of all who read the label; a blank one names nothing.
+TEST_F(ModelServiceTest, RefusesALabelThatIsBlankOrHasControlCharacters) {
   Publish();
   WriteManifest(v1::TRAJECTORY_REFERENCE_NONE);
   v1::LabelActionRequest request;
   request.set_name("models/town/versions/1");
-  for (const char* label : {"a\x1b[31m", "two\nlines", "del\x7f",
+  for (const char* label : {"a\x1b[31m", "two\nlines", "del\x7f", " ", "   ", "right\u202etfel",
                             "csi\xc2\x9b"
                             "31m"}) {
     request.set_label(label);

@@ -170,7 +170,7 @@ TEST_F(OutcomeServiceTest, AStreamAnswersEachReportInItsOrder) {
   std::vector<v1::StreamOutcomesRequest> requests(5);
   *requests[0].mutable_report() = UnknownAnswer("a");
   requests[1].mutable_report()->set_request_id("without outcomes");
-  *requests[2].mutable_report() = UnknownAnswer(std::string(513, 'x'));
+  *requests[2].mutable_report() = UnknownAnswer(std::string(129, 'x'));
   for (int i = 0; i < 257; ++i) requests[3].mutable_report()->add_outcomes()->add_targets();
   *requests[4].mutable_report() = UnknownAnswer("e");
   for (const v1::StreamOutcomesRequest& request : requests) ASSERT_TRUE(stream->Write(request));

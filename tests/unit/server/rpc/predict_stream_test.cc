@@ -58,6 +58,32 @@ TEST_F(PredictStreamTest, AStreamAnswersRequestsAsTheyFinish) {
   EXPECT_TRUE(stream->Finish().ok());
 }
 
+TEST_F(PredictStreamTest, RefusesATimeoutThatIsNoDuration) {
+  Publish();
+  grpc::ClientContext context;
+  auto stream = stub_->StreamPredict(&context);
+  v1::StreamPredictRequest request;
+  *request.mutable_request() = OneScene();
+  v1::StreamPredictResponse response;
+  const std::pair<int64_t, int32_t> wrong[] = {
+      {5, -1}, {-5, 1}, {0, 1'000'000'000}, {0, -1'000'000'000}};
+  for (const auto& [seconds, nanos] : wrong) {
+    request.mutable_timeout()->set_seconds(seconds);
+    request.mutable_timeout()->set_nanos(nanos);
+    ASSERT_TRUE(stream->Write(request));
+    ASSERT_TRUE(stream->Read(&response));
+    EXPECT_EQ(response.error().code(), grpc::StatusCode::INVALID_ARGUMENT) << seconds << nanos;
+    EXPECT_THAT(response.error().message(), testing::HasSubstr("timeout"));
+  }
+  request.mutable_timeout()->set_seconds(60);
+  request.mutable_timeout()->set_nanos(999'999'999);
+  ASSERT_TRUE(stream->Write(request));
+  ASSERT_TRUE(stream->Read(&response));
+  EXPECT_TRUE(response.has_response()) << response.error().message();
+  EXPECT_TRUE(stream->WritesDone());
+  EXPECT_TRUE(stream->Finish().ok());
+}
+
 TEST_F(PredictStreamTest, RefusesATooCloseDeadlineBeforeParsingTheRequest) {
   Publish();
   grpc::ClientContext context;
