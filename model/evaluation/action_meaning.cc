@@ -53,6 +53,13 @@ void ActionMeaning::Add(const Measurement& measured) {
   if (measured.maneuver) maneuvers_.Add(measured.action, *measured.maneuver);
 }
 
+void ActionMeaning::Add(const ActionMeaning& other) {
+  kinematic_.Add(other.kinematic_);
+  relative_.Add(other.relative_);
+  motions_.Add(other.motions_);
+  maneuvers_.Add(other.maneuvers_);
+}
+
 void ActionMeaning::Write(v1::EvaluationReport& report) const {
   kinematic_.Write("_kinematic", report);
   relative_.Write("_relative", report);

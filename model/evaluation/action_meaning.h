@@ -20,6 +20,8 @@ inline constexpr double kNamedPurity = 0.7;
 class ActionMeaning {
  public:
   void Add(const Measurement& measured);
+  // Adds the examples of another agreement with the same actions.
+  void Add(const ActionMeaning& other);
 
   // Sets the agreement under the names of evaluator.h, and the classes in `action_uses`.
   //   report: must have one element of action_uses for each action.
@@ -34,6 +36,10 @@ class ActionMeaning {
     void Add(int speed, int action, int label) {
       all.Add(action, label);
       given_speed.Add(speed, action, label);
+    }
+    void Add(const Agreement& other) {
+      all.Add(other.all);
+      given_speed.Add(other.given_speed);
     }
     void Write(const std::string& suffix, v1::EvaluationReport& report) const;
   };

@@ -13,6 +13,16 @@ void AddTo(std::optional<ActionStatistics>& statistics,
   statistics->Add(measured->probabilities, Eigen::VectorXd::Unit(anchors, measured->nearest));
 }
 
+void AddTo(std::optional<ActionStatistics>& statistics,
+           const std::optional<ActionStatistics>& other) {
+  if (!other) return;
+  if (statistics) {
+    statistics->Add(*other);
+  } else {
+    statistics = other;
+  }
+}
+
 void WriteTo(v1::EvaluationReport& report, const std::string& prefix,
              const std::optional<ActionStatistics>& statistics) {
   if (!statistics) return;
@@ -29,6 +39,11 @@ void WriteTo(v1::EvaluationReport& report, const std::string& prefix,
 void AnchorStatistics::Add(const Measurement& measured) {
   AddTo(covernet_, measured.covernet);
   AddTo(multipath_, measured.multipath);
+}
+
+void AnchorStatistics::Add(const AnchorStatistics& other) {
+  AddTo(covernet_, other.covernet_);
+  AddTo(multipath_, other.multipath_);
 }
 
 void AnchorStatistics::Write(v1::EvaluationReport& report) const {

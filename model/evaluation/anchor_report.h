@@ -17,6 +17,8 @@ class AnchorStatistics {
  public:
   // Adds an example. Either all of them have baselines or none.
   void Add(const Measurement& measured);
+  // Adds the examples of other statistics of the same baselines.
+  void Add(const AnchorStatistics& other);
 
   void Write(v1::EvaluationReport& report) const;
 

@@ -45,4 +45,13 @@ Interval PercentileInterval(std::vector<double> values) {
   return {Quantile(values, 0.025), Quantile(values, 0.975)};
 }
 
+double JackknifeError(std::span<const double> without) {
+  const auto count = static_cast<double>(without.size());
+  double mean = 0.0;
+  for (const double value : without) mean += value / count;
+  double squares = 0.0;
+  for (const double value : without) squares += (value - mean) * (value - mean);
+  return std::sqrt(squares * (count - 1.0) / count);
+}
+
 }  // namespace maneuver::evaluation

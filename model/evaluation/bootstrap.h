@@ -1,4 +1,4 @@
-// The bootstrap: how much a figure varies when other recordings are drawn.
+// The bootstrap and the jackknife: how much a figure varies when other recordings are drawn.
 //
 // Examples of one recording resemble each other. Therefore groups of recordings are drawn with
 // replacement, as many as there are (the cluster bootstrap; Davison and Hinkley, Bootstrap Methods
@@ -10,6 +10,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 namespace maneuver::evaluation {
@@ -27,6 +28,11 @@ Eigen::MatrixXd DrawGroups(int groups, int resamples, uint64_t seed);
 // Ignores values that are not finite, which come from draws without an example of a part. Both ends
 // are NaN if no value remains.
 Interval PercentileInterval(std::vector<double> values);
+
+// Returns the jackknife's standard error of a figure (Efron and Stein, The Jackknife Estimate of
+// Variance, 1981, equation 1.3): sqrt((G - 1) / G sum (v_g - mean v)^2).
+//   without: the figure without each of the G groups in turn; at least two
+double JackknifeError(std::span<const double> without);
 
 }  // namespace maneuver::evaluation
 

@@ -34,6 +34,18 @@ void ActionStatistics::Add(const Eigen::VectorXd& predicted,
   ++count_;
 }
 
+void ActionStatistics::Add(const ActionStatistics& other) {
+  sum_ += other.sum_;
+  largest_ = largest_.cwiseMax(other.largest_);
+  entropy_sum_ += other.entropy_sum_;
+  for (size_t i = 0; i < bins_.size(); ++i) {
+    bins_[i].examples += other.bins_[i].examples;
+    bins_[i].confidence += other.bins_[i].confidence;
+    bins_[i].responsibility += other.bins_[i].responsibility;
+  }
+  count_ += other.count_;
+}
+
 Eigen::VectorXd ActionStatistics::MeanProbability() const {
   return count_ == 0 ? sum_ : Eigen::VectorXd(sum_ / static_cast<double>(count_));
 }

@@ -17,6 +17,8 @@ class ActionStatistics {
   // Adds an example.
   //   predicted: p(y|s), [K];  responsibilities: q(y|x,s), [K]
   void Add(const Eigen::VectorXd& predicted, const Eigen::VectorXd& responsibilities);
+  // Adds the examples of other statistics of as many actions.
+  void Add(const ActionStatistics& other);
 
   // Returns the mean p(y|s), [K].
   Eigen::VectorXd MeanProbability() const;

@@ -13,6 +13,9 @@ namespace maneuver::evaluation {
 class ClassInformation {
  public:
   void Add(int condition, int cluster, int label) { tables_[condition].Add(cluster, label); }
+  void Add(const ClassInformation& other) {
+    for (const auto& [condition, table] : other.tables_) tables_[condition].Add(table);
+  }
 
   // Returns the share of the class's uncertainty, given the condition, that the cluster removes:
   //   I(cluster; class | condition) / H(class | condition),

@@ -53,6 +53,10 @@ void ContingencyTable::Add(int cluster, int label, int64_t times) {
   total_ += times;
 }
 
+void ContingencyTable::Add(const ContingencyTable& other) {
+  for (const auto& [pair, count] : other.counts_) Add(pair.first, pair.second, count);
+}
+
 std::map<int, ContingencyTable::Majority> ContingencyTable::Majorities() const {
   std::map<int, Majority> majorities;
   for (const auto& [pair, count] : counts_) {

@@ -14,6 +14,8 @@ class ContingencyTable {
  public:
   // Counts a pair `times` times.
   void Add(int cluster, int label, int64_t times = 1);
+  // Counts the pairs of another table.
+  void Add(const ContingencyTable& other);
   int64_t total() const { return total_; }
 
   // The most frequent class of a cluster; the smallest one if several are equally frequent.

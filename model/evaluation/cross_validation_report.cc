@@ -132,6 +132,68 @@ std::map<std::string, v1::ModelRange> RangesOf(std::span<const SetRun> runs, siz
   return ranges;
 }
 
+// A set metric of a model without the examples of a group of recordings.
+struct LeftOut {
+  double examples = 0.0;  // that are left
+  double value = 0.0;
+};
+
+// Returns nothing if the set has the group and not the metric without it.
+std::optional<LeftOut> WithoutGroup(const v1::MeasuredSet& set, int group,
+                                    const std::string& metric) {
+  const auto value = set.set_metrics().find(metric);
+  if (value == set.set_metrics().end()) return std::nullopt;
+  for (const v1::SetWithoutGroup& without : set.without()) {
+    if (without.group() != group) continue;
+    if (without.examples() == 0) return LeftOut();
+    const auto left = without.set_metrics().find(metric);
+    if (left == without.set_metrics().end()) return std::nullopt;
+    return LeftOut{static_cast<double>(without.examples()), left->second};
+  }
+  return LeftOut{static_cast<double>(set.examples_size()), value->second};
+}
+
+// Returns a range's value without the examples of a group, nothing if it cannot be known.
+std::optional<double> ValueWithoutGroup(std::span<const SetRun> runs, size_t seeds, int group,
+                                        const std::string& metric) {
+  std::vector<double> sums(seeds);
+  std::vector<double> weights(seeds);
+  for (const SetRun& run : runs) {
+    const std::optional<LeftOut> left = WithoutGroup(*run.set, group, metric);
+    if (!left) return std::nullopt;
+    sums[run.seed] += left->examples * left->value;
+    weights[run.seed] += left->examples;
+  }
+  double value = 0.0;
+  for (size_t seed = 0; seed < seeds; ++seed) {
+    if (!(weights[seed] > 0.0)) return std::nullopt;
+    value += sums[seed] / weights[seed] / static_cast<double>(seeds);
+  }
+  return value;
+}
+
+// Sets the intervals of the ranges whose models have what is needed.
+void AddIntervals(std::span<const SetRun> runs, size_t seeds,
+                  std::map<std::string, v1::ModelRange>& ranges) {
+  constexpr double kNormal95 = 1.959964;
+  std::set<int> groups;
+  for (const SetRun& run : runs) {
+    if (run.set->without().empty()) return;
+    for (const v1::SetWithoutGroup& without : run.set->without()) groups.insert(without.group());
+  }
+  for (auto& [metric, range] : ranges) {
+    std::vector<double> values;
+    for (const int group : groups) {
+      const std::optional<double> value = ValueWithoutGroup(runs, seeds, group, metric);
+      if (value) values.push_back(*value);
+    }
+    if (values.size() < 2 || values.size() < groups.size()) continue;
+    const double half = kNormal95 * JackknifeError(values);
+    range.set_lower(range.value() - half);
+    range.set_upper(range.value() + half);
+  }
+}
+
 // Numbers the groups of a set from 0. Writes how many groups and recordings there are to `proto`.
 std::map<int, int> NumberGroups(const Recordings& recordings, v1::CrossValidatedSet& proto) {
   std::map<int, int> sizes;
@@ -189,9 +251,9 @@ void AddSet(std::span<const SetRun> runs, const Recordings& recordings, const Na
       Fill(strata[i][j], draws, first.value_names(), models, part);
     }
   }
-  for (auto& [name, range] : RangesOf(runs, static_cast<size_t>(seeds))) {
-    (*proto.mutable_set_metrics())[name] = range;
-  }
+  std::map<std::string, v1::ModelRange> ranges = RangesOf(runs, static_cast<size_t>(seeds));
+  AddIntervals(runs, static_cast<size_t>(seeds), ranges);
+  for (const auto& [name, range] : ranges) (*proto.mutable_set_metrics())[name] = range;
 }
 
 }  // namespace

@@ -85,12 +85,14 @@ Block MainMetrics(const v1::CrossValidatedSet& set) {
 // Returns the metrics of each model that are not means over examples: the model's own, or those of
 // the baselines that were trained with it.
 Block ModelRanges(const v1::CrossValidatedSet& set, const std::string& title, bool of_model) {
-  Block block(title, {"MEAN", "RANGE OF MODELS", "OF EACH SEED"});
+  Block block(title, {"MEAN", "95 % INTERVAL", "RANGE OF MODELS", "OF EACH SEED"});
   for (const std::string& name : Sorted(set.set_metrics())) {
     const std::optional<MetricInfo> metric = FindMetric(name);
     if ((!metric || metric->of_model) != of_model) continue;
     const v1::ModelRange& range = set.set_metrics().at(name);
-    block.Add(LabelOf(name), {Number(range.value()),
+    const std::string interval =
+        range.has_lower() ? absl::StrFormat("%.3f .. %.3f", range.lower(), range.upper()) : "-";
+    block.Add(LabelOf(name), {Number(range.value()), interval,
                               absl::StrFormat("%.3f .. %.3f", range.smallest(), range.largest()),
                               SeedText(range.seed_values())});
   }

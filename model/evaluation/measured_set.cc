@@ -31,10 +31,37 @@ void AddRow(const data::Example& example, const Measurement& measured, int recor
   row.set_responsibility(measured.responsibilities[most_probable]);
 }
 
+using Metrics = google::protobuf::Map<std::string, double>;
+
+Metrics MetricsOf(const SetSums& sums) {
+  v1::EvaluationReport report;
+  for (Eigen::Index i = 0; i < sums.actions().MeanProbability().size(); ++i) {
+    report.add_action_uses();
+  }
+  sums.Write(report);
+  return report.metrics();
+}
+
+// Returns the sums of all groups but one, for each group in order.
+std::vector<SetSums> WithoutEach(const std::map<int, SetSums>& groups) {
+  std::vector<SetSums> without(groups.size());
+  SetSums before;
+  size_t i = 0;
+  for (const auto& [_, sums] : groups) {
+    without[i++].Add(before);
+    before.Add(sums);
+  }
+  SetSums after;
+  for (auto group = groups.rbegin(); group != groups.rend(); ++group) {
+    without[--i].Add(after);
+    after.Add(group->second);
+  }
+  return without;
+}
+
 }  // namespace
 
 void MeasuredSetBuilder::Begin(const MeasuredExamples& block) {
-  sums_.emplace(block.measured_by_waymo);
   metrics_ = ExampleMetrics(block.measured_by_waymo, block.measured.front().covernet.has_value());
   for (const ExampleMetric& metric : metrics_) set_.add_value_names(metric.name);
   AddDimensions(set_);
@@ -42,19 +69,27 @@ void MeasuredSetBuilder::Begin(const MeasuredExamples& block) {
 
 void MeasuredSetBuilder::Add(const MeasuredExamples& block, std::span<const int> recordings) {
   for (size_t i = 0; i < block.examples.size(); ++i) {
-    if (!sums_) Begin(block);
+    if (sums_.empty()) Begin(block);
     const data::Example& example = block.examples[i];
-    sums_->Add(block.measured[i]);
-    AddRow(example, block.measured[i], recordings[static_cast<size_t>(example.recording)], metrics_,
-           set_);
+    const int recording = recordings[static_cast<size_t>(example.recording)];
+    sums_[groups_[static_cast<size_t>(recording)]].Add(block.measured[i]);
+    AddRow(example, block.measured[i], recording, metrics_, set_);
   }
 }
 
 v1::MeasuredSet MeasuredSetBuilder::Build() && {
-  auto& of_set = *set_.mutable_set_metrics();
-  of_set = sums_->MakeReport().metrics();
-  for (const ExampleMetric& metric : metrics_) of_set.erase(metric.name);
-  for (const MetricRatio& ratio : MetricRatios()) of_set.erase(std::string(ratio.name));
+  SetSums all;
+  for (const auto& [_, sums] : sums_) all.Add(sums);
+  *set_.mutable_set_metrics() = MetricsOf(all);
+  const std::vector<SetSums> without = WithoutEach(sums_);
+  size_t i = 0;
+  for (const auto& [group, _] : sums_) {
+    const SetSums& rest = without[i++];
+    v1::SetWithoutGroup& left = *set_.add_without();
+    left.set_group(group);
+    left.set_examples(rest.examples());
+    if (rest.examples() > 0) *left.mutable_set_metrics() = MetricsOf(rest);
+  }
   return std::move(set_);
 }
 

@@ -3,22 +3,27 @@
 #ifndef MANEUVER_MODEL_EVALUATION_MEASURED_SET_H_
 #define MANEUVER_MODEL_EVALUATION_MEASURED_SET_H_
 
-#include <optional>
+#include <map>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "maneuver/v1/cross_validation.pb.h"
 #include "model/evaluation/example_metrics.h"
 #include "model/evaluation/measured_examples.h"
-#include "model/evaluation/report.h"
+#include "model/evaluation/set_sums.h"
 
 namespace maneuver::evaluation {
 
 // Makes a set of measurements that come block by block. The set has a row of ExampleMetrics
 // (example_metrics.h) for each example, some 1.3 kB, and those metrics of the whole set that are not
-// means over examples. It does not depend on how the examples are divided into blocks.
+// means over examples: of all examples, and without those of each group of recordings. It does not
+// depend on how the examples are divided into blocks.
 class MeasuredSetBuilder {
  public:
+  //   groups: the group of each recording of the set's plan
+  explicit MeasuredSetBuilder(std::vector<int> groups) : groups_(std::move(groups)) {}
+
   // Adds the examples of a block; there may be none.
   //   recordings: the number of each recording of the block in the set's plan
   void Add(const MeasuredExamples& block, std::span<const int> recordings);
@@ -31,7 +36,8 @@ class MeasuredSetBuilder {
 
   v1::MeasuredSet set_;
   std::vector<ExampleMetric> metrics_;
-  std::optional<ReportSums> sums_;  // set by the first example
+  std::vector<int> groups_;
+  std::map<int, SetSums> sums_;  // by group
 };
 
 }  // namespace maneuver::evaluation

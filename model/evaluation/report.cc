@@ -20,15 +20,6 @@ void SetRatios(Metrics& metrics) {
   }
 }
 
-void SetActions(const ActionStatistics& statistics, Metrics& metrics) {
-  metrics["effective_actions"] = statistics.EffectiveActions();
-  metrics["largest_share"] = statistics.MeanProbability().maxCoeff();
-  metrics["action_perplexity"] = statistics.Perplexity();
-  metrics["action_entropy"] = statistics.MeanEntropy();
-  metrics["mutual_information"] = statistics.MutualInformation();
-  metrics["calibration_error"] = statistics.ExpectedCalibrationError();
-}
-
 // The metrics of each stratum, besides the calibration error.
 constexpr std::array<std::string_view, 20> kMainMetrics = {
     "ade_1",     "fde_1",       "ade_medoid",      "fde_medoid",      "min_ade_6",
@@ -73,23 +64,24 @@ void ReportSums::Part::Add(std::span<const double> values, const Measurement& me
 void ReportSums::Begin(const Measurement& first) {
   metrics_ = ExampleMetrics(measured_by_waymo_, first.covernet.has_value());
   values_.resize(metrics_.size());
+  sums_.resize(metrics_.size());
   const Part none(metrics_.size(), static_cast<int>(first.probabilities.size()));
-  all_ = none;
   for (const Stratification& stratification : Stratifications()) {
     strata_.emplace_back(stratification.names.size(), none);
   }
 }
 
 void ReportSums::Add(const Measurement& measured) {
-  if (!all_) Begin(measured);
-  for (size_t i = 0; i < metrics_.size(); ++i) values_[i] = metrics_[i].value(measured);
-  all_->Add(values_, measured);
+  if (examples() == 0) Begin(measured);
+  for (size_t i = 0; i < metrics_.size(); ++i) {
+    values_[i] = metrics_[i].value(measured);
+    sums_[i] += values_[i];
+  }
+  set_.Add(measured);
   for (size_t i = 0; i < strata_.size(); ++i) {
     const int stratum = Stratifications()[i].stratum(measured.keys);
     strata_[i][static_cast<size_t>(stratum)].Add(values_, measured);
   }
-  meaning_.Add(measured);
-  anchors_.Add(measured);
   Widen(measured.keys, input_ranges_);
 }
 
@@ -115,20 +107,18 @@ void ReportSums::AddStrata(v1::EvaluationReport& report) const {
 
 v1::EvaluationReport ReportSums::MakeReport() const {
   v1::EvaluationReport report;
-  report.set_examples(all_->examples);
+  report.set_examples(examples());
   Metrics& metrics = *report.mutable_metrics();
   for (size_t i = 0; i < metrics_.size(); ++i) {
-    metrics[metrics_[i].name] = all_->sums[i] / static_cast<double>(all_->examples);
+    metrics[metrics_[i].name] = sums_[i] / static_cast<double>(examples());
   }
   SetRatios(metrics);
-  SetActions(all_->statistics, metrics);
-  const Eigen::VectorXd usage = all_->statistics.MeanProbability();
+  const Eigen::VectorXd usage = set_.actions().MeanProbability();
   report.mutable_action_usage()->Add(usage.begin(), usage.end());
-  AddReliability(all_->statistics, report);
+  AddReliability(set_.actions(), report);
   AddStrata(report);
-  AddActionUses(all_->statistics, report);
-  meaning_.Write(report);
-  anchors_.Write(report);
+  AddActionUses(set_.actions(), report);
+  set_.Write(report);
   *report.mutable_input_ranges() = input_ranges_;
   return report;
 }

@@ -3,17 +3,15 @@
 #ifndef MANEUVER_MODEL_EVALUATION_REPORT_H_
 #define MANEUVER_MODEL_EVALUATION_REPORT_H_
 
-#include <optional>
 #include <span>
 #include <vector>
 
 #include "maneuver/v1/training_service.pb.h"
-#include "model/evaluation/action_meaning.h"
-#include "model/evaluation/anchor_report.h"
 #include "model/evaluation/calibration.h"
 #include "model/evaluation/example_metrics.h"
 #include "model/evaluation/input_ranges.h"
 #include "model/evaluation/measurement.h"
+#include "model/evaluation/set_sums.h"
 
 namespace maneuver::evaluation {
 
@@ -26,13 +24,13 @@ class ReportSums {
   explicit ReportSums(bool measured_by_waymo) : measured_by_waymo_(measured_by_waymo) {}
 
   void Add(const Measurement& measured);
-  int64_t examples() const { return all_ ? all_->examples : 0; }
+  int64_t examples() const { return set_.examples(); }
 
   // Needs at least one measurement.
   v1::EvaluationReport MakeReport() const;
 
  private:
-  // Sums over some of the examples.
+  // Sums over the examples of a stratum.
   struct Part {
     Part(size_t metrics, int actions) : sums(metrics), statistics(actions) {}
     void Add(std::span<const double> values, const Measurement& measured);
@@ -47,11 +45,10 @@ class ReportSums {
 
   bool measured_by_waymo_;
   std::vector<ExampleMetric> metrics_;
-  std::vector<double> values_;             // of metrics_ for the latest example
-  std::optional<Part> all_;                // set by the first example
+  std::vector<double> values_;  // of metrics_ for the latest example
+  std::vector<double> sums_;    // of metrics_
+  SetSums set_;
   std::vector<std::vector<Part>> strata_;  // as Stratifications() has them
-  ActionMeaning meaning_;
-  AnchorStatistics anchors_;
   InputRanges input_ranges_;
 };
 

@@ -169,14 +169,15 @@ class FoldRunner {
     const absl::StatusOr<LoadedModel> model = Load(folder);
     if (!model.ok()) return model.status();
     absl::StatusOr<v1::MeasuredSet> held_out =
-        MeasureSet(*model, run_.datasets, numbers_,
+        MeasureSet(*model, run_.datasets, plan_.recordings(), numbers_,
                    [&](const std::string& id) { return FoldOf(id) == result.fold(); });
     if (!held_out.ok()) return held_out.status();
     *result.mutable_held_out() = *std::move(held_out);
     for (int i = 0; i < plan_.test_datasets_size(); ++i) {
       const auto numbers = NumbersOf(plan_.test_datasets(i).recordings());
       absl::StatusOr<v1::MeasuredSet> test =
-          MeasureSet(*model, {run_.test_datasets[static_cast<size_t>(i)].folder}, numbers,
+          MeasureSet(*model, {run_.test_datasets[static_cast<size_t>(i)].folder},
+                     plan_.test_datasets(i).recordings(), numbers,
                      [&](const std::string& id) { return numbers.contains(id); });
       if (!test.ok()) return test.status();
       *result.add_tests() = *std::move(test);
@@ -185,9 +186,11 @@ class FoldRunner {
   }
 
   // Measures the wanted recordings of the folders block by block.
+  //   recordings: as the plan has them
   //   numbers: of the recordings, in the plan
   absl::StatusOr<v1::MeasuredSet> MeasureSet(const LoadedModel& model,
                                              const std::vector<std::filesystem::path>& folders,
+                                             const GroupedRecordings& recordings,
                                              const std::unordered_map<std::string, int>& numbers,
                                              const data::RecordingBlocks::Wanted& wanted) const {
     std::vector<v1::ManeuverAnnotation> annotations;
@@ -203,7 +206,9 @@ class FoldRunner {
     if (model.baselines) input.baselines = &*model.baselines;
     input.progress = [this](int64_t, int64_t) { return GoesOn(); };
     evaluation::BlockMeasurer measurer(*model.model, input);
-    evaluation::MeasuredSetBuilder set;
+    std::vector<int> groups;
+    for (const v1::GroupedRecording& recording : recordings) groups.push_back(recording.group());
+    evaluation::MeasuredSetBuilder set(std::move(groups));
     const auto measure = [&](std::span<const v1::Scenario> block) {
       const absl::StatusOr<evaluation::MeasuredExamples> measured = measurer.Measure(block);
       if (!measured.ok()) return measured.status();

@@ -49,5 +49,35 @@ TEST(BootstrapTest, TheIntervalOfAMeanMatchesNormalTheory) {
   EXPECT_NEAR(interval.upper, mean + half, 0.08 * half);
 }
 
+// Of a mean, the jackknife is the textbook's standard error: s / sqrt(n).
+TEST(JackknifeTest, TheErrorOfAMeanIsExact) {
+  const std::vector<double> values = {3.0, -1.0, 4.0, 1.5, 9.0};
+  const double sum = 16.5;
+  std::vector<double> without;
+  double squares = 0.0;
+  for (const double value : values) {
+    without.push_back((sum - value) / 4.0);
+    squares += std::pow(value - sum / 5.0, 2);
+  }
+  EXPECT_NEAR(JackknifeError(without), std::sqrt(squares / 4.0 / 5.0), 1e-12);
+  EXPECT_EQ(JackknifeError(std::vector<double>(3, 0.5)), 0.0);
+}
+
+// Of the logarithm of a mean, the delta method gives s / (sqrt(n) mean).
+TEST(JackknifeTest, TheErrorOfACurvedFigureMatchesTheDeltaMethod) {
+  constexpr int kGroups = 400;
+  std::mt19937_64 random(7);
+  std::exponential_distribution<double> exponential(0.5);
+  Eigen::VectorXd values(kGroups);
+  for (double& value : values) value = exponential(random);
+  std::vector<double> without;
+  for (const double value : values) {
+    without.push_back(std::log((values.sum() - value) / (kGroups - 1)));
+  }
+  const double mean = values.mean();
+  const double error = std::sqrt((values.array() - mean).square().mean() / kGroups) / mean;
+  EXPECT_NEAR(JackknifeError(without), error, 0.01 * error);
+}
+
 }  // namespace
 }  // namespace maneuver::evaluation::bootstrap_test

@@ -311,6 +311,56 @@ TEST_F(CrossValidationReportTest, MetricsOfWholeSetsHaveTheRangeOverModels) {
   EXPECT_NEAR(range.seed_values(0), (first * 1.1 + second * 2.1) / (first + second), 1e-12);
 }
 
+// The metric is a mean over groups of one size: then the jackknife gives the textbook's interval.
+TEST(CrossValidationIntervalTest, AMetricOfWholeSetsHasAnInterval) {
+  v1::CrossValidationPart part = Part({});
+  double sum = 0.0;
+  for (int i = 0; i < kRecordings; ++i) sum += NormalOf(i);
+  double squares = 0.0;
+  for (int i = 0; i < kRecordings; ++i) squares += std::pow(NormalOf(i) - sum / kRecordings, 2);
+  for (const int64_t seed : {1, 3}) {
+    part.mutable_plan()->add_seeds(seed);
+    for (int fold = 0; fold < kFolds; ++fold) {
+      v1::FoldRun& run = *part.add_runs();
+      run.set_seed(seed);
+      run.set_fold(fold);
+      v1::MeasuredSet& set = *run.mutable_held_out();
+      set = EmptySet();
+      double of_fold = 0.0;
+      constexpr int kOfFold = kRecordings / kFolds;
+      for (int i = 0; i < kRecordings; ++i) {
+        if (i % kFolds != fold) {
+          run.add_learned(i);
+          continue;
+        }
+        of_fold += NormalOf(i) + static_cast<double>(seed);
+        AddExample(set, i, 1.0, 1.0, 1.0, 0);
+      }
+      (*set.mutable_set_metrics())["nmi"] = of_fold / kOfFold;
+      (*set.mutable_set_metrics())["purity"] = 0.5;
+      for (int i = fold; i < kRecordings; i += kFolds) {
+        v1::SetWithoutGroup& without = *set.add_without();
+        without.set_group(i);
+        without.set_examples(kOfFold - 1);
+        (*without.mutable_set_metrics())["nmi"] =
+            (of_fold - NormalOf(i) - static_cast<double>(seed)) / (kOfFold - 1);
+      }
+    }
+  }
+  const auto whole = MergeParts({part});
+  ASSERT_TRUE(whole.ok()) << whole.status();
+  const v1::CrossValidationReport report = MakeCrossValidationReport(*whole, {.resamples = 100});
+  const v1::ModelRange& range = report.sets(0).set_metrics().at("nmi");
+  const double half = 1.96 * std::sqrt(squares / (kRecordings - 1) / kRecordings);
+  EXPECT_NEAR(range.value(), 2.0 + sum / kRecordings, 1e-9);
+  EXPECT_NEAR(range.lower(), range.value() - half, 1e-4 * half);
+  EXPECT_NEAR(range.upper(), range.value() + half, 1e-4 * half);
+  EXPECT_THAT(CrossValidationText(report, false),
+              testing::ContainsRegex("nmi.* 2\\.[0-9]+ +1\\.[0-9]+ \\.\\. 2\\.[0-9]+ "));
+  // Not known without a group.
+  EXPECT_FALSE(report.sets(0).set_metrics().at("purity").has_lower());
+}
+
 TEST(CrossValidationSmallPartsTest, DoesNotComparePartsWithFewExamples) {
   v1::CrossValidationPart part = Part({{1, 0}, {1, 1}});
   for (v1::FoldRun& run : *part.mutable_runs()) {
@@ -382,7 +432,9 @@ TEST_F(CrossValidationReportTest, TheTextSeparatesTheModelsMeaningFromTheBaselin
   ASSERT_NE(baselines, text.npos);
   const std::string of_model = text.substr(meaning, baselines - meaning);
   EXPECT_THAT(of_model, HasSubstr("mutual_information, nats"));
-  EXPECT_THAT(of_model, HasSubstr("class_information_relative, share  0.500   0.250 .. 0.750"));
+  EXPECT_THAT(
+      of_model,
+      HasSubstr("class_information_relative, share  0.500              -   0.250 .. 0.750"));
   EXPECT_THAT(of_model, testing::Not(HasSubstr("covernet")));
   EXPECT_THAT(text.substr(baselines), HasSubstr("covernet_mutual_information, nats  0.500"));
 }

@@ -148,7 +148,7 @@ TEST(RivalComparisonTest, AgreesWithCrossValidationOfTheSameExamples) {
   }
   v1::FoldRun& run = *whole.add_runs();
   run.set_seed(3);
-  MeasuredSetBuilder set;
+  MeasuredSetBuilder set(groups.groups);
   set.Add(all, numbers);
   *run.mutable_held_out() = std::move(set).Build();
   const v1::CrossValidationReport report = MakeCrossValidationReport(whole, {});
