@@ -8,6 +8,7 @@
 #include <openssl/x509.h>
 
 #include <algorithm>
+#include <array>
 #include <fstream>
 #include <memory>
 #include <string>
@@ -31,19 +32,24 @@ bool IsLocalHost(const std::string& address) {
   return host == "localhost";
 }
 
-// Of certificates, keys and tokens.
+// Returns the content of a certificate, a key or a token.
 absl::StatusOr<std::string> ReadAll(const std::string& file) {
-  constexpr size_t kMostBytes = size_t{16} << 20;  // all authorities that there are have 0.3 MB
+  constexpr size_t kMostBytes = size_t{16} << 20;  // the authorities of a system have 0.3 MB
   std::ifstream stream(file, std::ios::binary);
-  std::string text(kMostBytes + 1, '\0');
-  stream.read(text.data(), static_cast<std::streamsize>(text.size()));
+  std::string text;
+  std::array<char, 4096> block{};
+  do {
+    stream.read(block.data(), block.size());
+    text.append(block.data(), static_cast<size_t>(stream.gcount()));
+    if (text.size() > kMostBytes) {
+      return absl::InvalidArgumentError(absl::StrCat(file, " has more than 16 MiB"));
+    }
+  } while (stream.good());
   if (!stream.is_open() || stream.bad()) {
     return absl::NotFoundError(absl::StrCat(file, " cannot be read"));
   }
-  if (stream.gcount() == 0) return absl::InvalidArgumentError(absl::StrCat(file, " is empty"));
-  text.resize(static_cast<size_t>(stream.gcount()));
-  if (text.size() <= kMostBytes) return text;
-  return absl::InvalidArgumentError(absl::StrCat(file, " has more than 16 MiB"));
+  if (text.empty()) return absl::InvalidArgumentError(absl::StrCat(file, " is empty"));
+  return text;
 }
 
 constexpr std::string_view kCertificate = "CERTIFICATE-----";

@@ -42,7 +42,9 @@ std::string WithPort(const std::string& address) {
 // gRPC would connect to the port modulo 65536.
 absl::Status CheckPort(const std::string& address) {
   constexpr int kMostPort = 65535;
-  if (address.starts_with("unix:")) return absl::OkStatus();
+  if (address.starts_with("unix:") || address.starts_with("unix-abstract:")) {
+    return absl::OkStatus();
+  }
   const std::string_view port = std::string_view(address).substr(address.rfind(':') + 1);
   const bool is_number = !port.empty() && port.find_first_not_of("0123456789") == port.npos;
   int number = 0;

@@ -2,24 +2,25 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <charconv>
+#include <cerrno>
 #include <cmath>
+#include <cstdlib>
 #include <filesystem>
 #include <ostream>
-#include <system_error>
 #include <type_traits>
 
 namespace maneuver::cli {
 namespace {
 
-// CLI::Range accepts "nan", and takes 2^64 for the largest number that there is.
+// CLI::Range accepts "nan", and takes 2^64 for 2^63 - 1.
 template <typename Number>
 std::string NumberError(const std::string& text) {
-  Number number{};
   if constexpr (std::is_integral_v<Number>) {
-    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
-    return error == std::errc::result_out_of_range ? "Value " + text + " is out of range" : "";
+    errno = 0;
+    (void)std::strtoll(text.c_str(), nullptr, 0);  // as CLI11 reads it
+    return errno == ERANGE ? "Value " + text + " is out of range" : "";
   } else {
+    Number number{};
     const bool is_nan = CLI::detail::lexical_cast(text, number) && std::isnan(number);
     return is_nan ? "Value " + text + " is not a number" : "";
   }

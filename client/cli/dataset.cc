@@ -79,9 +79,9 @@ int ListDatasets(Environment& environment) {
   for (const v1::Dataset& dataset : all.datasets()) {
     if (dataset.format_version() == 0) {
       const std::string name = ShortName(dataset.name());
-      table.Add({name, "-", "-", "-", "-", "damaged"});
-      environment.err << dataset.name() << " is damaged; maneuver dataset show " << name
-                      << " says how, maneuver dataset delete " << name << " removes it\n";
+      table.Add({name, "-", "-", "-", "-", "unreadable"});
+      environment.err << dataset.name() << " cannot be read; maneuver dataset show " << name
+                      << " says why\n";
       continue;
     }
     table.Add({ShortName(dataset.name()), absl::StrCat(dataset.recordings()),

@@ -29,7 +29,7 @@ int RefuseLabels(const std::string& file, const data::CheckedLabels& labels,
 }  // namespace
 
 int AnnotateDataset(const AnnotateArguments& arguments, Environment& environment) {
-  const auto text = files::ReadFile(arguments.labels);
+  const auto text = files::ReadInput(arguments.labels);
   if (!text.ok()) return environment.FailAt(arguments.labels, text.status());
   const std::set<std::string> actions(arguments.actions.begin(), arguments.actions.end());
   const auto labels = data::CheckLabels(*text, arguments.folder, actions);

@@ -215,7 +215,8 @@ absl::StatusOr<std::vector<ImportFile>> FindFiles(const std::vector<std::string>
     if (!fs::is_directory(input, error)) {
       if (!fs::is_regular_file(input, error)) {
         return absl::NotFoundError(
-            absl::StrCat(input, " does not exist; name files or folders of them"));
+            absl::StrCat(input, fs::exists(input, error) ? " is not a file" : " does not exist",
+                         "; name files or folders of them"));
       }
       add(input);
       continue;

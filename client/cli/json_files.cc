@@ -54,10 +54,11 @@ absl::StatusOr<std::string> ReadAll(std::istream& stream, const std::string& nam
   errno = 0;
   do {
     stream.read(block.data(), static_cast<std::streamsize>(block.size()));
-    text.append(block.data(), static_cast<size_t>(stream.gcount()));
-    if (text.size() > kMostBytes) {
+    const auto count = static_cast<size_t>(stream.gcount());
+    if (text.size() + count > kMostBytes) {
       return absl::InvalidArgumentError(absl::StrCat(name, " has more than 1 GiB"));
     }
+    text.append(block.data(), count);
   } while (stream.good());
   if (stream.bad()) return CannotRead(name, errno);
   return text;

@@ -132,19 +132,19 @@ std::map<std::string, v1::ModelRange> RangesOf(std::span<const SetRun> runs, siz
   return ranges;
 }
 
-// A set metric of a model without the examples of a group of recordings.
+// A set metric of a model without the examples of a block of groups.
 struct LeftOut {
   double examples = 0.0;  // that are left
   double value = 0.0;
 };
 
-// Returns nothing if the set has the group and not the metric without it.
-std::optional<LeftOut> WithoutGroup(const v1::MeasuredSet& set, int group,
+// Returns nothing if the set has the block and not the metric without it.
+std::optional<LeftOut> WithoutBlock(const v1::MeasuredSet& set, int block,
                                     const std::string& metric) {
   const auto value = set.set_metrics().find(metric);
   if (value == set.set_metrics().end()) return std::nullopt;
-  for (const v1::SetWithoutGroup& without : set.without()) {
-    if (without.group() != group) continue;
+  for (const v1::SetWithoutBlock& without : set.without()) {
+    if (without.block() != block) continue;
     if (without.examples() == 0) return LeftOut();
     const auto left = without.set_metrics().find(metric);
     if (left == without.set_metrics().end()) return std::nullopt;
@@ -153,13 +153,13 @@ std::optional<LeftOut> WithoutGroup(const v1::MeasuredSet& set, int group,
   return LeftOut{static_cast<double>(set.examples_size()), value->second};
 }
 
-// Returns a range's value without the examples of a group, nothing if it cannot be known.
-std::optional<double> ValueWithoutGroup(std::span<const SetRun> runs, size_t seeds, int group,
+// Returns a range's value without the examples of a block, nothing if it cannot be known.
+std::optional<double> ValueWithoutBlock(std::span<const SetRun> runs, size_t seeds, int block,
                                         const std::string& metric) {
   std::vector<double> sums(seeds);
   std::vector<double> weights(seeds);
   for (const SetRun& run : runs) {
-    const std::optional<LeftOut> left = WithoutGroup(*run.set, group, metric);
+    const std::optional<LeftOut> left = WithoutBlock(*run.set, block, metric);
     if (!left) return std::nullopt;
     sums[run.seed] += left->examples * left->value;
     weights[run.seed] += left->examples;
@@ -172,22 +172,29 @@ std::optional<double> ValueWithoutGroup(std::span<const SetRun> runs, size_t see
   return value;
 }
 
+// The jackknife says nothing of a count, and is inconsistent for a largest value, by which actions
+// are effective.
+bool HasInterval(std::string_view metric) {
+  return metric != "labelled_examples" && !metric.ends_with("effective_actions");
+}
+
 // Sets the intervals of the ranges whose models have what is needed.
 void AddIntervals(std::span<const SetRun> runs, size_t seeds,
                   std::map<std::string, v1::ModelRange>& ranges) {
   constexpr double kNormal95 = 1.959964;
-  std::set<int> groups;
+  std::set<int> blocks;
   for (const SetRun& run : runs) {
     if (run.set->without().empty()) return;
-    for (const v1::SetWithoutGroup& without : run.set->without()) groups.insert(without.group());
+    for (const v1::SetWithoutBlock& without : run.set->without()) blocks.insert(without.block());
   }
   for (auto& [metric, range] : ranges) {
+    if (!HasInterval(metric)) continue;
     std::vector<double> values;
-    for (const int group : groups) {
-      const std::optional<double> value = ValueWithoutGroup(runs, seeds, group, metric);
+    for (const int block : blocks) {
+      const std::optional<double> value = ValueWithoutBlock(runs, seeds, block, metric);
       if (value) values.push_back(*value);
     }
-    if (values.size() < 2 || values.size() < groups.size()) continue;
+    if (values.size() < 2 || values.size() < blocks.size()) continue;
     const double half = kNormal95 * JackknifeError(values);
     range.set_lower(range.value() - half);
     range.set_upper(range.value() + half);

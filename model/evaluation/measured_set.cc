@@ -42,19 +42,21 @@ Metrics MetricsOf(const SetSums& sums) {
   return report.metrics();
 }
 
-// Returns the sums of all groups but one, for each group in order.
-std::vector<SetSums> WithoutEach(const std::map<int, SetSums>& groups) {
-  std::vector<SetSums> without(groups.size());
+constexpr int kBlocks = 100;
+
+// Returns the sums of all blocks but one, for each block in order.
+std::vector<SetSums> WithoutEach(const std::map<int, SetSums>& blocks) {
+  std::vector<SetSums> without(blocks.size());
   SetSums before;
   size_t i = 0;
-  for (const auto& [_, sums] : groups) {
+  for (const auto& [_, sums] : blocks) {
     without[i++].Add(before);
     before.Add(sums);
   }
   SetSums after;
-  for (auto group = groups.rbegin(); group != groups.rend(); ++group) {
+  for (auto block = blocks.rbegin(); block != blocks.rend(); ++block) {
     without[--i].Add(after);
-    after.Add(group->second);
+    after.Add(block->second);
   }
   return without;
 }
@@ -72,7 +74,7 @@ void MeasuredSetBuilder::Add(const MeasuredExamples& block, std::span<const int>
     if (sums_.empty()) Begin(block);
     const data::Example& example = block.examples[i];
     const int recording = recordings[static_cast<size_t>(example.recording)];
-    sums_[groups_[static_cast<size_t>(recording)]].Add(block.measured[i]);
+    sums_[groups_[static_cast<size_t>(recording)] % kBlocks].Add(block.measured[i]);
     AddRow(example, block.measured[i], recording, metrics_, set_);
   }
 }
@@ -83,10 +85,10 @@ v1::MeasuredSet MeasuredSetBuilder::Build() && {
   *set_.mutable_set_metrics() = MetricsOf(all);
   const std::vector<SetSums> without = WithoutEach(sums_);
   size_t i = 0;
-  for (const auto& [group, _] : sums_) {
+  for (const auto& [block, _] : sums_) {
     const SetSums& rest = without[i++];
-    v1::SetWithoutGroup& left = *set_.add_without();
-    left.set_group(group);
+    v1::SetWithoutBlock& left = *set_.add_without();
+    left.set_block(block);
     left.set_examples(rest.examples());
     if (rest.examples() > 0) *left.mutable_set_metrics() = MetricsOf(rest);
   }

@@ -49,19 +49,10 @@ int RenameToNew(const fs::path& from, const fs::path& to) {
   return rename(from.c_str(), to.c_str()) == 0 ? 0 : errno;
 }
 
-}  // namespace
-
-absl::StatusOr<std::string> ReadFile(const fs::path& file) {
-  const int descriptor = open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-  if (descriptor < 0) return ErrnoStatus(errno, "open", file);
-  struct stat about {};
-  if (fstat(descriptor, &about) != 0 || !S_ISREG(about.st_mode)) {
-    close(descriptor);
-    return S_ISDIR(about.st_mode) ? ErrnoStatus(EISDIR, "read", file)
-                                  : absl::DataLossError(NameOf(file) + " is not a file");
-  }
+//   bytes: that are expected
+absl::StatusOr<std::string> ReadAndClose(int descriptor, const fs::path& file, size_t bytes) {
   std::string content;
-  content.reserve(static_cast<size_t>(about.st_size));
+  content.reserve(bytes);
   char buffer[1 << 16];
   for (;;) {
     const ssize_t count = read(descriptor, buffer, sizeof buffer);
@@ -76,6 +67,26 @@ absl::StatusOr<std::string> ReadFile(const fs::path& file) {
   }
   close(descriptor);
   return content;
+}
+
+}  // namespace
+
+absl::StatusOr<std::string> ReadFile(const fs::path& file) {
+  const int descriptor = open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+  if (descriptor < 0) return ErrnoStatus(errno, "open", file);
+  struct stat about {};
+  if (fstat(descriptor, &about) != 0 || !S_ISREG(about.st_mode)) {
+    close(descriptor);
+    return S_ISDIR(about.st_mode) ? ErrnoStatus(EISDIR, "read", file)
+                                  : absl::DataLossError(NameOf(file) + " is not a file");
+  }
+  return ReadAndClose(descriptor, file, static_cast<size_t>(about.st_size));
+}
+
+absl::StatusOr<std::string> ReadInput(const fs::path& file) {
+  const int descriptor = open(file.c_str(), O_RDONLY | O_CLOEXEC);
+  if (descriptor < 0) return ErrnoStatus(errno, "open", file);
+  return ReadAndClose(descriptor, file, 0);
 }
 
 absl::Status WriteFileAtomically(const fs::path& file, std::string_view content) {

@@ -17,6 +17,10 @@ namespace maneuver::files {
 // named pipe in its place is not waited for.
 absl::StatusOr<std::string> ReadFile(const std::filesystem::path& file);
 
+// Returns the whole content of what a person named: a pipe, such as <(...) of a shell, is read to its
+// end. NOT_FOUND if there is no such file.
+absl::StatusOr<std::string> ReadInput(const std::filesystem::path& file);
+
 // Replaces `file` in one step: writes a temporary file beside it, syncs it, renames it and syncs
 // the folder.
 absl::Status WriteFileAtomically(const std::filesystem::path& file, std::string_view content);

@@ -51,7 +51,7 @@ bool IsControlCharacter(std::string_view character) {
   return character.size() == 2 && lead == 0xc2 && static_cast<unsigned char>(character[1]) < 0xa0;
 }
 
-bool HasControlCharacters(std::string_view text) {
+bool HasUnprintableCharacters(std::string_view text) {
   while (!text.empty()) {
     const size_t length = std::max<size_t>(Utf8Length(text), 1);
     const std::string_view character = text.substr(0, length);

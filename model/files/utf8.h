@@ -23,7 +23,7 @@ bool IsControlCharacter(std::string_view character);
 // Returns whether UTF-8 text has a control character, or one that changes the direction of the text
 // around it and so makes it look like another (U+061C, U+200E, U+200F, U+202A to U+202E, U+2066 to
 // U+2069).
-bool HasControlCharacters(std::string_view text);
+bool HasUnprintableCharacters(std::string_view text);
 
 // Returns whether UTF-8 text has more than `most` characters. Text that is not UTF-8 and has more
 // bytes than so many characters can have is longer, too.

@@ -151,7 +151,7 @@ absl::StatusOr<std::vector<Setting>> FromEnvironment(const char* const* environm
 }
 
 absl::StatusOr<std::vector<Setting>> FromFile(const std::string& file, const Names& names) {
-  const auto text = files::ReadFile(file);
+  const auto text = files::ReadInput(file);
   if (!text.ok()) {
     return absl::NotFoundError(absl::StrCat("--config: ", text.status().message()));
   }

@@ -47,9 +47,9 @@ absl::StatusOr<std::vector<grpc::experimental::IdentityKeyCertPair>> OwnCertific
   const char* key = std::getenv("MANEUVER_TLS_KEY");
   std::vector<grpc::experimental::IdentityKeyCertPair> pairs;
   if (certificate == nullptr || key == nullptr) return pairs;
-  auto certificate_pem = files::ReadFile(certificate);
+  auto certificate_pem = files::ReadInput(certificate);
   if (!certificate_pem.ok()) return certificate_pem.status();
-  auto key_pem = files::ReadFile(key);
+  auto key_pem = files::ReadInput(key);
   if (!key_pem.ok()) return key_pem.status();
   pairs.push_back({*std::move(key_pem), *std::move(certificate_pem)});
   return pairs;

@@ -130,7 +130,12 @@ class TerminationSignals {
 void ExitAfter(std::chrono::milliseconds time) {
   std::thread([time] {
     std::this_thread::sleep_for(time);
-    Log(LogLevel::kError, "ending at once: the disk or the store does not answer");
+    // The log may hang, too.
+    std::thread([] {
+      Log(LogLevel::kError,
+          "work that has not ended is broken off; does the disk or the store hang?");
+    }).detach();
+    std::this_thread::sleep_for(std::chrono::milliseconds(200));
     _exit(1);
   }).detach();
 }
@@ -420,13 +425,13 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   const int signal = signals.Wait();
   signals.ExitOnNext();
   manager.TellStopping();
+  ExitAfter(options.shutdown_delay + options.shutdown_timeout +
+            SupervisorOptionsFor(options).patience + kLastWork);
   Log(LogLevel::kInfo, "shutting down",
       {{"signal", signal == SIGTERM ? "SIGTERM" : "SIGINT"},
        {"delay_seconds", std::chrono::duration<double>(options.shutdown_delay).count()},
        {"timeout_seconds", std::chrono::duration<double>(options.shutdown_timeout).count()}});
   const auto refusing = std::chrono::system_clock::now() + options.shutdown_delay;
-  ExitAfter(options.shutdown_delay + options.shutdown_timeout +
-            SupervisorOptionsFor(options).patience + kLastWork);
   (*server)->TurnHealth();
   (*supervisor)->Stop();
   report.reset();  // the others no longer count on this server

@@ -28,6 +28,7 @@ namespace maneuver {
 namespace {
 
 constexpr int kUsageError = 2;
+constexpr int64_t kLeastMemoryLimit = int64_t{64} << 20;  // with less, every call would be refused
 
 const std::map<std::string, Role> kRoles = {
     {"all", Role::kAll}, {"api", Role::kApi}, {"serve", Role::kServe}, {"work", Role::kWork}};
@@ -474,6 +475,11 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
     auto metrics_address = ParseExposed(metrics_listen, /*encrypted=*/false, insecure);
     if (!metrics_address.ok()) return refuse("--metrics-listen: ", metrics_address.status());
     options.metrics_listen = *std::move(metrics_address);
+  }
+  if (options.memory_limit > 0 && options.memory_limit < kLeastMemoryLimit) {
+    return refuse("", absl::FailedPreconditionError(absl::StrCat(
+                          "--memory-limit is less than the server takes by itself: name at least ",
+                          kLeastMemoryLimit >> 20, "MiB, or 0 for no limit")));
   }
   FitBuffers(options);
   if (options.sends.max_send_memory < options.sends.max_response_bytes) {

@@ -1,5 +1,6 @@
 #include "server/rpc/dataset_service.h"
 
+#include <chrono>
 #include <functional>
 #include <limits>
 #include <string>
@@ -144,11 +145,18 @@ grpc::ServerUnaryReactor* DatasetService::GetDataset(grpc::CallbackServerContext
   });
 }
 
+// Returns whether a caller has cancelled, or the server ends. One whose time is over may ask again:
+// its answer is kept for that. Its cancellation comes at about the deadline, too.
+bool IsGivenUp(const grpc::CallbackServerContext& rpc) {
+  constexpr std::chrono::seconds kAbout{1};
+  return rpc.IsCancelled() && std::chrono::system_clock::now() + kAbout < rpc.deadline();
+}
+
 grpc::ServerUnaryReactor* DatasetService::DescribeDataset(grpc::CallbackServerContext* rpc,
                                                           const v1::DescribeDatasetRequest* request,
                                                           v1::DatasetSummary* response) {
   return AnswerFrom(blocking_, request, response, [this, rpc, request, response]() -> absl::Status {
-    return Answer(Describe(datasets_, *request, [rpc] { return rpc->IsCancelled(); }), response);
+    return Answer(Describe(datasets_, *request, [rpc] { return IsGivenUp(*rpc); }), response);
   });
 }
 

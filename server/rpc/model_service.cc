@@ -310,7 +310,7 @@ grpc::ServerUnaryReactor* ModelService::LabelAction(grpc::CallbackServerContext*
     if (files::IsLongerThan(label, kMaxLabelLength)) {
       return errors::InvalidField("label", "longer than 64 characters");
     }
-    if (files::HasControlCharacters(label)) {
+    if (files::HasUnprintableCharacters(label)) {
       return errors::InvalidField("label", "has control characters; use text that can be printed");
     }
     if (!label.empty() && label.find_first_not_of(' ') == std::string::npos) {
@@ -320,9 +320,8 @@ grpc::ServerUnaryReactor* ModelService::LabelAction(grpc::CallbackServerContext*
     if (absl::IsOutOfRange(action.status())) {
       return errors::InvalidField("action_id", std::string(action.status().message()));
     }
-    if (!action.ok()) return action.status();
-    *response = *std::move(action);
-    return absl::OkStatus();
+    if (action.ok()) *response = *action;
+    return action.status();
   });
 }
 

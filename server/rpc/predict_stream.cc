@@ -24,7 +24,7 @@ constexpr int64_t kMaxExpectedBytes = int64_t{64} << 20;
 constexpr size_t kMaxStreamedIdLength = 128;
 constexpr char kMethod[] = "/maneuver.v1.PredictionService/StreamPredict";
 
-// Of google.protobuf.Duration, by its contract.
+// Returns whether the parts of a Duration fit each other, as its contract demands.
 bool IsValid(const google::protobuf::Duration& duration) {
   constexpr int32_t kNanosOfSecond = 1'000'000'000;
   const bool has_two_signs = (duration.seconds() > 0 && duration.nanos() < 0) ||

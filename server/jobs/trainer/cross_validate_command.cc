@@ -373,7 +373,7 @@ absl::StatusOr<v1::CrossValidationPart> CrossValidateCommand::Measure() const {
 absl::StatusOr<std::vector<v1::CrossValidationPart>> CrossValidateCommand::ReadParts() const {
   std::vector<v1::CrossValidationPart> parts;
   for (const std::filesystem::path& file : merge_) {
-    const absl::StatusOr<std::string> bytes = files::ReadFile(file);
+    const absl::StatusOr<std::string> bytes = files::ReadInput(file);
     if (!bytes.ok()) {
       return absl::InvalidArgumentError(
           absl::StrCat(file.filename().string(), ": ", std::string(bytes.status().message())));

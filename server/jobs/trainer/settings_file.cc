@@ -10,7 +10,7 @@
 namespace maneuver::trainer {
 
 absl::Status ReadJson(const std::filesystem::path& file, google::protobuf::Message* message) {
-  const absl::StatusOr<std::string> json = files::ReadFile(file);
+  const absl::StatusOr<std::string> json = files::ReadInput(file);
   if (!json.ok()) {
     return absl::InvalidArgumentError(file.filename().string() + ": " +
                                       std::string(json.status().message()));

@@ -189,7 +189,8 @@ TEST(CommandErrorsTest, RefusesWhatIsNotANumber) {
 
 TEST(CommandErrorsTest, RefusesIntegersBeyondTheLargest) {
   for (const std::string seed :
-       {"9223372036854775808", "18446744073709551616", "-99999999999999999999"}) {
+       {"9223372036854775808", "18446744073709551616", "-99999999999999999999",
+        "+18446744073709551616", "0x8000000000000000"}) {
     const Result result = Maneuver({"synthesize", "/dev/null/town", "--seed", seed});
     EXPECT_EQ(result.status, kUsage) << seed;
     EXPECT_THAT(result.err, HasSubstr(seed)) << seed;

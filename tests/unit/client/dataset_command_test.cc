@@ -59,7 +59,7 @@ class DatasetCommandTest : public testing::Test {
   std::ostringstream err_;
 };
 
-// Has one dataset, and one more that is damaged.
+// Has one dataset, and one more that cannot be read.
 class Datasets final : public v1::DatasetService::Service {
   grpc::Status ListDatasets(grpc::ServerContext*, const v1::ListDatasetsRequest*,
                             v1::ListDatasetsResponse* response) override {
@@ -73,7 +73,7 @@ class Datasets final : public v1::DatasetService::Service {
   }
 };
 
-TEST_F(DatasetCommandTest, ListsADamagedDatasetAsDamaged) {
+TEST_F(DatasetCommandTest, MarksADatasetThatCannotBeRead) {
   Datasets datasets;
   int port = 0;
   const auto server = grpc::ServerBuilder()
@@ -81,11 +81,9 @@ TEST_F(DatasetCommandTest, ListsADamagedDatasetAsDamaged) {
                           .RegisterService(&datasets)
                           .BuildAndStart();
   EXPECT_EQ(Maneuver({"--server", absl::StrCat("127.0.0.1:", port), "dataset", "list"}), kOk);
-  EXPECT_THAT(out_.str(), AllOf(ContainsRegex("broken +- +- +- +- +damaged"),
+  EXPECT_THAT(out_.str(), AllOf(ContainsRegex("broken +- +- +- +- +unreadable"),
                                 ContainsRegex("town +3 .*a test")));
-  EXPECT_EQ(err_.str(),
-            "datasets/broken is damaged; maneuver dataset show broken says how, maneuver dataset "
-            "delete broken removes it\n");
+  EXPECT_EQ(err_.str(), "datasets/broken cannot be read; maneuver dataset show broken says why\n");
   server->Shutdown(std::chrono::system_clock::now());
 }
 

@@ -287,6 +287,10 @@ TEST_F(ImportTest, SaysThatThereIsNothingToImport) {
   Write("scenes/README.md", "no scenario");
   EXPECT_THAT(Maneuver({"import", "commonroad", Path("out"), Path("scenes")}).err,
               HasSubstr("holds no files to import"));
+  EXPECT_THAT(Maneuver({"import", "commonroad", Path("out"), Path("nowhere")}).err,
+              HasSubstr("nowhere does not exist"));
+  EXPECT_THAT(Maneuver({"import", "commonroad", Path("out"), "/dev/null"}).err,
+              HasSubstr("/dev/null is not a file"));
   Write("x.tfrecord", "this is no TFRecord file, though it is long enough for one");
   const Result wrong = Maneuver({"import", "waymo", Path("out"), Path("x.tfrecord")});
   EXPECT_EQ(wrong.status, kFailed);

@@ -60,7 +60,8 @@ TEST(ServerAddressTest, RefusesAPortThatThereIsNot) {
         "10.0.0.1:8470,10.0.0.2:70000", "planner:99999999999999999999"}) {
     EXPECT_TRUE(absl::IsInvalidArgument(ParseServerAddress(address).status())) << address;
   }
-  for (const char* address : {"planner:1", "planner:65535", "unix:99999", "unix:/run/a:0"}) {
+  for (const char* address :
+       {"planner:1", "planner:65535", "unix:99999", "unix:/run/a:0", "unix-abstract:0"}) {
     EXPECT_TRUE(ParseServerAddress(address).ok()) << address;
   }
 }

@@ -95,6 +95,38 @@ TEST(ClusteringTest, ExpectedInformationIsTheMeanOverAllPermutations) {
   EXPECT_NEAR(table.ExpectedMutualInformation(), sum / permutations, 1e-12);
 }
 
+// Of large tables only the counts that can occur are summed.
+TEST(ClusteringTest, ExpectedInformationOfALargeTableIsTheSumOverAllCounts) {
+  constexpr int64_t kRows[] = {3'000, 40'000, 7};
+  constexpr int64_t kColumns[] = {10'000, 33'007};
+  ContingencyTable table;
+  int64_t left = kColumns[0];
+  for (int row = 0; row < 3; ++row) {
+    const int64_t first = std::min(left, kRows[row]);
+    left -= first;
+    if (first > 0) Add(table, row, 0, static_cast<int>(first));
+    if (kRows[row] > first) Add(table, row, 1, static_cast<int>(kRows[row] - first));
+  }
+  const int64_t n = table.total();
+  ASSERT_EQ(n, kColumns[0] + kColumns[1]);
+  const auto log_choose = [](int64_t of, int64_t k) {
+    return std::lgamma(of + 1.0) - std::lgamma(k + 1.0) - std::lgamma(of - k + 1.0);
+  };
+  double expected = 0.0;
+  for (const int64_t a : kRows) {
+    for (const int64_t b : kColumns) {
+      for (int64_t k = std::max<int64_t>(1, a + b - n); k <= std::min(a, b); ++k) {
+        const double p = std::exp(log_choose(b, k) + log_choose(n - b, a - k) - log_choose(n, a));
+        const auto count = static_cast<double>(k);
+        expected += p * count / static_cast<double>(n) *
+                    std::log(static_cast<double>(n) * count /
+                             (static_cast<double>(a) * static_cast<double>(b)));
+      }
+    }
+  }
+  EXPECT_NEAR(table.ExpectedMutualInformation(), expected, 1e-6 * expected);
+}
+
 TEST(ClusteringTest, EachClusterHasAMajorityTheSmallestClassOnTies) {
   ContingencyTable table;
   Add(table, 4, 2, 3);

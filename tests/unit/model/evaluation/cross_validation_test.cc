@@ -338,10 +338,12 @@ TEST(CrossValidationIntervalTest, AMetricOfWholeSetsHasAnInterval) {
       }
       (*set.mutable_set_metrics())["nmi"] = of_fold / kOfFold;
       (*set.mutable_set_metrics())["purity"] = 0.5;
+      (*set.mutable_set_metrics())["effective_actions"] = 5.0;
       for (int i = fold; i < kRecordings; i += kFolds) {
-        v1::SetWithoutGroup& without = *set.add_without();
-        without.set_group(i);
+        v1::SetWithoutBlock& without = *set.add_without();
+        without.set_block(i);
         without.set_examples(kOfFold - 1);
+        (*without.mutable_set_metrics())["effective_actions"] = 5.0;
         (*without.mutable_set_metrics())["nmi"] =
             (of_fold - NormalOf(i) - static_cast<double>(seed)) / (kOfFold - 1);
       }
@@ -357,8 +359,10 @@ TEST(CrossValidationIntervalTest, AMetricOfWholeSetsHasAnInterval) {
   EXPECT_NEAR(range.upper(), range.value() + half, 1e-4 * half);
   EXPECT_THAT(CrossValidationText(report, false),
               testing::ContainsRegex("nmi.* 2\\.[0-9]+ +1\\.[0-9]+ \\.\\. 2\\.[0-9]+ "));
-  // Not known without a group.
+  // Its value without a group is not known.
   EXPECT_FALSE(report.sets(0).set_metrics().at("purity").has_lower());
+  // The error would be 0.
+  EXPECT_FALSE(report.sets(0).set_metrics().at("effective_actions").has_lower());
 }
 
 TEST(CrossValidationSmallPartsTest, DoesNotComparePartsWithFewExamples) {

@@ -43,19 +43,20 @@ Measurement Draw(std::mt19937_64& random) {
   return measured;
 }
 
-TEST(MeasuredSetTest, TheMetricsWithoutAGroupAreThoseOfTheOtherExamples) {
-  const std::vector<int> groups = {7, 3, 7, 9, 4};  // 4 has no example
+TEST(MeasuredSetTest, TheMetricsWithoutABlockOfGroupsAreThoseOfTheOtherExamples) {
+  // 107 is in the block of 7, and 4 has no example.
+  const std::vector<int> groups = {7, 3, 107, 9, 4};
   const std::vector<int> recordings = {2, 0, 1, 3};
   std::mt19937_64 random(1);
   MeasuredSetBuilder builder(groups);
-  std::vector<std::pair<int, Measurement>> all;  // group
+  std::vector<std::pair<int, Measurement>> all;  // block
   for (int block = 0; block < 3; ++block) {
     MeasuredExamples examples;
     for (int i = 0; i < 40; ++i) {
       examples.examples.emplace_back().recording = i % 4;
       examples.measured.push_back(Draw(random));
       const int recording = recordings[static_cast<size_t>(i) % 4];
-      all.emplace_back(groups[static_cast<size_t>(recording)], examples.measured.back());
+      all.emplace_back(groups[static_cast<size_t>(recording)] % 100, examples.measured.back());
     }
     builder.Add(examples, recordings);
   }
@@ -64,8 +65,8 @@ TEST(MeasuredSetTest, TheMetricsWithoutAGroupAreThoseOfTheOtherExamples) {
   ASSERT_EQ(set.without_size(), 3);
   const auto expect_as_of = [&](const auto& metrics, int left_out) {
     std::vector<Measurement> rest;
-    for (const auto& [group, measured] : all) {
-      if (group != left_out) rest.push_back(measured);
+    for (const auto& [block, measured] : all) {
+      if (block != left_out) rest.push_back(measured);
     }
     const v1::EvaluationReport report = MakeReport(rest, false);
     for (const auto& [name, value] : metrics) {
@@ -80,10 +81,10 @@ TEST(MeasuredSetTest, TheMetricsWithoutAGroupAreThoseOfTheOtherExamples) {
     EXPECT_TRUE(set.set_metrics().contains(name)) << name;
   }
   std::set<int> seen;
-  for (const v1::SetWithoutGroup& without : set.without()) {
-    seen.insert(without.group());
+  for (const v1::SetWithoutBlock& without : set.without()) {
+    seen.insert(without.block());
     EXPECT_EQ(without.set_metrics_size(), set.set_metrics_size());
-    EXPECT_EQ(expect_as_of(without.set_metrics(), without.group()), without.examples());
+    EXPECT_EQ(expect_as_of(without.set_metrics(), without.block()), without.examples());
   }
   EXPECT_EQ(seen, std::set<int>({3, 7, 9}));
 }

@@ -4,12 +4,14 @@
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <cerrno>
 #include <csignal>
 #include <filesystem>
 #include <string>
 
+#include "absl/strings/str_cat.h"
 #include "model/files/errno_status.h"
 #include "model/files/output_file.h"
 #include "tests/unit/temporary_folder.h"
@@ -55,6 +57,18 @@ TEST_F(DurableFileTest, WhatIsNotAFileIsRefusedAndNotWaitedFor) {
     const absl::Status refused = ReadFile(path).status();
     EXPECT_TRUE(absl::IsDataLoss(refused)) << refused;
   }
+}
+
+TEST_F(DurableFileTest, InputMayBeAPipe) {
+  int ends[2];
+  ASSERT_EQ(pipe(ends), 0);
+  ASSERT_EQ(write(ends[1], "abc", 3), 3);
+  close(ends[1]);
+  const auto content = ReadInput(absl::StrCat("/dev/fd/", ends[0]));
+  ASSERT_TRUE(content.ok()) << content.status();
+  EXPECT_EQ(*content, "abc");
+  EXPECT_TRUE(absl::IsDataLoss(ReadInput(folder_.path()).status()));
+  close(ends[0]);
 }
 
 TEST_F(DurableFileTest, AFailedWriteLeavesTheOldContentAndNoTemporary) {

@@ -35,10 +35,10 @@ TEST(Utf8Test, TextIsUtf8IfAllOfItsCharactersAre) {
 TEST(Utf8Test, FindsControlCharacters) {
   for (const char* text : {"a\x1b[31m", "two\nlines", "\x7f", "csi \xc2\x9b", "\xc2\x80", "a\u202e",
                            "\u2066b", "\u200f"}) {
-    EXPECT_TRUE(HasControlCharacters(text)) << text;
+    EXPECT_TRUE(HasUnprintableCharacters(text)) << text;
   }
   for (const char* text : {"", "stop within 12 m", "\xc2\xa0", "B\xc3\x9b", "\xe2\x9b\x94"}) {
-    EXPECT_FALSE(HasControlCharacters(text)) << text;
+    EXPECT_FALSE(HasUnprintableCharacters(text)) << text;
   }
 }
 

@@ -70,6 +70,16 @@ TEST_F(OptionsTest, TheCommandLineOverridesTheEnvironmentWhichOverridesTheFile) 
   EXPECT_EQ(outcome.options().data_dir, "from file");
 }
 
+TEST_F(OptionsTest, RefusesAMemoryLimitThatTheServerAloneExceeds) {
+  for (const std::string limit : {"1", "63MiB"}) {
+    const Outcome outcome = Parse({"--data-dir", "d", "--memory-limit", limit});
+    EXPECT_TRUE(outcome.refused()) << limit;
+    EXPECT_THAT(outcome.err, HasSubstr("--memory-limit")) << limit;
+  }
+  EXPECT_FALSE(Parse({"--data-dir", "d", "--memory-limit", "64MiB"}).refused());
+  EXPECT_FALSE(Parse({"--data-dir", "d", "--memory-limit", "0"}).refused());
+}
+
 TEST_F(OptionsTest, TheEnvironmentCanNameTheFileAndTurnFlagsOff) {
   const std::string file = Write("m.conf", "data-dir = d\ninsecure = true\nlisten = 0.0.0.0:0\n");
   EXPECT_EQ(Parse({}, {"MANEUVERD_CONFIG=" + file}).options().listen.host, "0.0.0.0");
