@@ -23,15 +23,39 @@ bool IsInStep(const at::Tensor& tensor, const at::Tensor& other) {
          tensor.is_non_overlapping_and_dense() && tensor.strides() == other.strides();
 }
 
-// By tensor operations, each of which goes through memory: of any device and layout.
-void TakeTensorStep(const AdamWStep& step, const at::Tensor& gradient, const at::Tensor& parameter,
-                    const at::Tensor& first, const at::Tensor& second) {
-  first.lerp_(gradient, 1.0 - kBeta1);
-  second.mul_(kBeta2).addcmul_(gradient, gradient, 1.0 - kBeta2);
-  const at::Tensor scale = second.sqrt().div_(std::sqrt(step.correction2)).add_(kernels::kEpsilon);
-  if (step.decay != 0.0) parameter.mul_(1.0 - step.rate * step.decay);
-  parameter.addcdiv_(first, scale, -step.rate / step.correction1);
-}
+// Steps by tensor operations, of any device and layout: each operation for all tensors at once,
+// since a GPU takes longer to begin one than to run it.
+class TensorSteps {
+ public:
+  void Add(const AdamWStep& step, const at::Tensor& gradient, const at::Tensor& parameter,
+           const at::Tensor& first, const at::Tensor& second) {
+    gradients_.push_back(gradient);
+    parameters_.push_back(parameter);
+    firsts_.push_back(first);
+    seconds_.push_back(second);
+    kept_.emplace_back(1.0 - step.rate * step.decay);
+    rates_.emplace_back(-step.rate / step.correction1);
+    correction2_ = step.correction2;
+  }
+
+  void Take() const {
+    if (parameters_.empty()) return;
+    at::_foreach_mul_(firsts_, kBeta1);
+    at::_foreach_add_(firsts_, gradients_, 1.0 - kBeta1);
+    at::_foreach_mul_(seconds_, kBeta2);
+    at::_foreach_addcmul_(seconds_, gradients_, gradients_, 1.0 - kBeta2);
+    const std::vector<at::Tensor> scales = at::_foreach_sqrt(seconds_);
+    at::_foreach_div_(scales, std::sqrt(correction2_));
+    at::_foreach_add_(scales, kernels::kEpsilon);
+    at::_foreach_mul_(parameters_, kept_);
+    at::_foreach_addcdiv_(parameters_, firsts_, scales, rates_);
+  }
+
+ private:
+  std::vector<at::Tensor> gradients_, parameters_, firsts_, seconds_;
+  std::vector<at::Scalar> kept_, rates_;
+  double correction2_ = 1.0;
+};
 
 }  // namespace
 
@@ -62,6 +86,7 @@ void AdamW::Step(double share) {
   ++step_;
   const double correction1 = 1.0 - std::pow(kBeta1, static_cast<double>(step_));
   const double correction2 = 1.0 - std::pow(kBeta2, static_cast<double>(step_));
+  TensorSteps others;
   for (Slot& slot : slots_) {
     const at::Tensor gradient = slot.parameter.grad();
     if (!gradient.defined()) continue;
@@ -77,11 +102,12 @@ void AdamW::Step(double share) {
         kernels::TakeStep(step, end - begin, g + begin, x + begin, m + begin, v + begin);
       });
     } else {
-      TakeTensorStep(step, gradient, slot.parameter, slot.first_moment, slot.second_moment);
+      others.Add(step, gradient, slot.parameter, slot.first_moment, slot.second_moment);
     }
     // Gone rather than zero: the next one is then taken as it is, not added.
     slot.parameter.mutable_grad().reset();
   }
+  others.Take();
 }
 
 AdamW::State AdamW::Save() const {

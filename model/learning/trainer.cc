@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cstdlib>
 #include <optional>
 #include <utility>
 
@@ -33,6 +34,8 @@ absl::StatusOr<at::Device> FindDevice(const TrainingRun& run) {
   const std::string& name = run.settings.device();
   if (name == "cpu") return at::Device(at::kCPU);
   if (name == "cuda" && at::hasCUDA()) {
+    // Without it, products on a GPU differ from run to run (cuBLAS, "Results reproducibility").
+    setenv("CUBLAS_WORKSPACE_CONFIG", ":4096:8", /*overwrite=*/0);
     const int index = run.rank ? run.rank->local_rank : 0;
     return at::Device(at::kCUDA, static_cast<at::DeviceIndex>(index));
   }

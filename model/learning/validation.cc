@@ -15,9 +15,12 @@ constexpr int64_t kBatch = 64;
 // Of these, every fourth batch is also described action by action: some fifty times the work.
 constexpr int kDescribedBatches = 4;
 
-Eigen::VectorXd Row(const at::Tensor& rows, int64_t i) {
-  const at::Tensor row = rows[i].to(at::kCPU, at::kDouble).contiguous();
-  return Eigen::Map<const Eigen::VectorXd>(row.data_ptr<double>(), row.numel());
+using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+// e to these powers, [N, K], all of them brought from the device at once.
+Rows Exponentials(const at::Tensor& logarithms) {
+  const at::Tensor values = logarithms.exp().to(at::kCPU, at::kDouble).contiguous();
+  return Eigen::Map<const Rows>(values.data_ptr<double>(), values.size(0), values.size(1));
 }
 
 // Usage of the actions by q(y|x,s), and what p(y|s) is like.
@@ -27,12 +30,11 @@ class UsageReport {
       : statistics_(actions), responsibilities_(Eigen::VectorXd::Zero(actions)) {}
 
   void Add(const at::Tensor& log_p_y, const at::Tensor& log_q_y) {
-    const at::Tensor p = log_p_y.exp();
-    const at::Tensor q = log_q_y.exp();
-    for (int64_t i = 0; i < q.size(0); ++i) {
-      const Eigen::VectorXd q_i = Row(q, i);
-      statistics_.Add(Row(p, i), q_i);
-      responsibilities_ += q_i;
+    const Rows p = Exponentials(log_p_y);
+    const Rows q = Exponentials(log_q_y);
+    for (Eigen::Index i = 0; i < q.rows(); ++i) {
+      statistics_.Add(p.row(i).transpose(), q.row(i).transpose());
+      responsibilities_ += q.row(i).transpose();
       ++count_;
     }
   }
@@ -170,7 +172,9 @@ void ValidateScenes(Networks& networks, const SceneSource& source, v1::Objective
   const v1::ModelSpec& spec = networks.spec();
   const double stddev = spec.decoder_stddev();
   const BoundWeights weights = Weights(optimization);
-  const NoiseSource means_for_samples = [](at::IntArrayRef shape) { return at::zeros(shape); };
+  const NoiseSource means_for_samples = [&networks](at::IntArrayRef shape) {
+    return at::zeros(shape, networks.device());
+  };
   TermMeans means;
   UsageReport usage(spec.actions());
   SceneLoader loader(spec, source, DrawItems(source.set(), kMostValidated), kBatch, threads);

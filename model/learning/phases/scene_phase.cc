@@ -26,7 +26,7 @@ class SceneSteps final : public EpochSteps {
     if (batch.items.empty()) return BatchLoss{};
     SceneBatch scenes;
     scenes.trajectories = batch.trajectories.to(state_.networks.device());
-    scenes.labels = next->labels;
+    if (next->labels.defined()) scenes.labels = next->labels.to(state_.networks.device());
     if (scene_learns_) {
       scenes.scenes = state_.networks.EncodeScenes(batch.scenes, mode_);
     } else {
