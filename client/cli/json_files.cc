@@ -6,9 +6,10 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <cstdio>
 #include <filesystem>
 #include <fstream>
-#include <istream>
+#include <iostream>
 #include <string>
 #include <string_view>
 #include <system_error>
@@ -60,7 +61,9 @@ absl::StatusOr<std::string> ReadAll(std::istream& stream, const std::string& nam
     }
     text.append(block.data(), count);
   } while (stream.good());
-  if (stream.bad()) return CannotRead(name, errno);
+  // std::cin takes a failure for the end; the C library's stream behind it does not.
+  const bool failed = stream.bad() || (&stream == &std::cin && std::ferror(stdin) != 0);
+  if (failed) return CannotRead(name, errno);
   return text;
 }
 

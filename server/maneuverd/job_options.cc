@@ -8,7 +8,7 @@
 
 #include "model/machine/usable_cores.h"
 #include "model/machine/usable_memory.h"
-#include "server/maneuverd/finite_range.h"
+#include "server/jobs/trainer/number_checks.h"
 
 namespace maneuver {
 namespace {

@@ -20,8 +20,8 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "model/machine/usable_cores.h"
+#include "server/jobs/trainer/number_checks.h"
 #include "server/maneuverd/configuration.h"
-#include "server/maneuverd/finite_range.h"
 #include "server/store/store_address.h"
 
 namespace maneuver {

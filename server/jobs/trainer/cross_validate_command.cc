@@ -22,6 +22,7 @@
 #include "server/jobs/trainer/data_memory_option.h"
 #include "server/jobs/trainer/dataset_names.h"
 #include "server/jobs/trainer/fold_files.h"
+#include "server/jobs/trainer/number_checks.h"
 #include "server/jobs/trainer/progress_display.h"
 #include "server/jobs/trainer/settings_file.h"
 #include "server/jobs/trainer/stop_signal.h"
@@ -208,6 +209,7 @@ CrossValidateCommand::CrossValidateCommand(CLI::App& app)
       ->capture_default_str()
       ->type_name("N");
   command_->add_option("--fold-seed", fold_seed_, "Seed of the division into folds")
+      ->check(FitsInt64())
       ->capture_default_str()
       ->type_name("N");
   command_
@@ -216,6 +218,7 @@ CrossValidateCommand::CrossValidateCommand(CLI::App& app)
           "Training seeds, such as 1,2,3: every fold is trained once with each; default: the "
           "seed of the settings")
       ->delimiter(',')
+      ->check(FitsInt64())
       ->type_name("N,...");
   command_
       ->add_option("--only-fold", only_fold_,

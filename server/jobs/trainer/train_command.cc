@@ -20,11 +20,11 @@
 #include "server/jobs/trainer/data_memory_option.h"
 #include "server/jobs/trainer/dataset_measurement.h"
 #include "server/jobs/trainer/dataset_names.h"
+#include "server/jobs/trainer/number_checks.h"
 #include "server/jobs/trainer/progress_display.h"
 #include "server/jobs/trainer/rank_launcher.h"
 #include "server/jobs/trainer/settings_file.h"
 #include "server/jobs/trainer/stop_signal.h"
-#include "server/maneuverd/finite_range.h"
 
 namespace maneuver::trainer {
 namespace {

@@ -13,6 +13,7 @@
 #include <ext/stdio_sync_filebuf.h>
 #include <filesystem>
 #include <fstream>
+#include <iostream>
 #include <memory>
 #include <sstream>
 #include <string>
@@ -158,6 +159,18 @@ TEST(CommandErrorsTest, AnErrorWhileReadingIsNotAnEmptyFile) {
   // Memory that is not there cannot be read.
   EXPECT_THAT(Maneuver({"--server", kNobody, "predict", "/proc/self/mem"}).err,
               HasSubstr("cannot read /proc/self/mem: Input/output error"));
+}
+
+TEST(CommandErrorsTest, AnErrorOfStandardInputIsNotItsEnd) {
+  // A folder can be opened, but not read.
+  ASSERT_NE(std::freopen("/", "r", stdin), nullptr);
+  std::ostringstream out;
+  std::ostringstream err;
+  Environment environment(std::cin, out, err);
+  RunManeuver({"--server", kNobody, "predict", "-"}, environment);
+  EXPECT_THAT(err.str(), HasSubstr("cannot read standard input: Is a directory"));
+  ASSERT_NE(std::freopen("/dev/null", "r", stdin), nullptr);
+  std::cin.clear();
 }
 
 TEST(CommandErrorsTest, TheMarkThatSomeEditorsBeginAFileWithIsSkipped) {

@@ -1,10 +1,12 @@
-// A range of numbers with fractions, as a check of an option.
+// Checks of numbers that are given as options.
 
-#ifndef MANEUVER_SERVER_MANEUVERD_FINITE_RANGE_H_
-#define MANEUVER_SERVER_MANEUVERD_FINITE_RANGE_H_
+#ifndef MANEUVER_SERVER_JOBS_TRAINER_NUMBER_CHECKS_H_
+#define MANEUVER_SERVER_JOBS_TRAINER_NUMBER_CHECKS_H_
 
 #include <CLI/CLI.hpp>
+#include <cerrno>
 #include <cmath>
+#include <cstdlib>
 #include <string>
 
 namespace maneuver {
@@ -24,6 +26,17 @@ inline CLI::Validator FiniteRange(double least, double most) {
       range.get_description());
 }
 
+// Accepts integers of 64 bits. CLI11 itself takes the largest one in place of a larger one.
+inline CLI::Validator FitsInt64() {
+  return CLI::Validator(
+      [](std::string& text) -> std::string {
+        errno = 0;
+        (void)std::strtoll(text.c_str(), nullptr, 0);  // as CLI11 reads it
+        return errno == ERANGE ? "Value " + text + " is out of range" : "";
+      },
+      "");
+}
+
 }  // namespace maneuver
 
-#endif  // MANEUVER_SERVER_MANEUVERD_FINITE_RANGE_H_
+#endif  // MANEUVER_SERVER_JOBS_TRAINER_NUMBER_CHECKS_H_
