@@ -34,8 +34,8 @@ from replicas import Balancer, Replica  # noqa: E402
 SERVER_BEHIND_EDGE_MB = 64
 EDGE_MB = 64
 # Attacks that the server bounds by itself, and how far, in MB. The others need a proxy in front.
-SERVER_ALONE_MB = {"ping": 96, "settings": 32, "windows": 64, "priority": 32, "empty-data": 32, "half-messages": 64,
-                   "open-calls": 64, "watches": 32}
+SERVER_ALONE_MB = {"ping": 96, "settings": 32, "empty-continuation": 32, "windows": 64, "priority": 32,
+                   "empty-data": 32, "half-messages": 64, "open-calls": 64, "watches": 32}
 # Timing on a machine that does other things: a caller beside an attack waits at most so long for one answer, and soon
 # after the end of the attack no longer than before it.
 LONGEST_ANSWER_S = 2.0
