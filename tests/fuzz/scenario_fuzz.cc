@@ -3,6 +3,7 @@
 
 #include <google/protobuf/text_format.h>
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <memory>
@@ -173,7 +174,7 @@ void ExpectJoint(const v1::Scenario& scenario, const v1::ScenarioPrediction& ite
       Expect(means.size() == i + 1, "combined actions are described");
       agents.push_back(scene::FindAgent(scenario, targets[i]->target_id()));
     }
-    // By itself: the discs around the centres, of targets that are surely apart now.
+    // By itself: the discs within the rectangles, of targets that are surely apart now.
     for (size_t i = 0; i < targets.size(); ++i) {
       for (size_t j = 0; j < i; ++j) {
         const auto now = [&](const v1::Agent& agent) {
@@ -183,13 +184,15 @@ void ExpectJoint(const v1::Scenario& scenario, const v1::ScenarioPrediction& ite
         const double apart = std::hypot(now(*agents[i]).x() - now(*agents[j]).x(),
                                         now(*agents[i]).y() - now(*agents[j]).y());
         const auto sum = [&](auto size) { return size(*agents[i]) + size(*agents[j]); };
-        const double widths = sum([](const v1::Agent& agent) { return agent.width(); });
-        const double lengths = sum([](const v1::Agent& agent) { return agent.length(); });
-        if (!(apart > lengths + widths) || apart > 1e6) continue;
+        const double sides =
+            sum([](const v1::Agent& agent) { return agent.length() + agent.width(); });
+        const double shorter =
+            sum([](const v1::Agent& agent) { return std::min(agent.length(), agent.width()); });
+        if (!(apart > sides) || apart > 1e6) continue;
         for (int t = 0; t < means[i]->x_size(); ++t) {
           const double distance =
               std::hypot(means[i]->x(t) - means[j]->x(t), means[i]->y(t) - means[j]->y(t));
-          Expect(distance >= 0.5 * widths - 1e-3, "combined targets do not collide");
+          Expect(distance >= 0.5 * shorter - 1e-3, "combined targets do not collide");
         }
       }
     }
@@ -201,6 +204,7 @@ void ExpectJoint(const v1::Scenario& scenario, const v1::ScenarioPrediction& ite
 std::vector<inference::SceneEncoding> Encode(const std::vector<scene::SceneInputs>& inputs,
                                              inference::InferenceSession& session) {
   std::vector<inference::SceneInput> views;
+  views.reserve(inputs.size());
   for (const auto& each : inputs) views.push_back(inference::InputOf(each));
   std::vector<inference::SceneEncoding> encodings(inputs.size());
   session.Encode(views, encodings);
