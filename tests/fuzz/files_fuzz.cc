@@ -3,7 +3,9 @@
 
 #include <google/protobuf/util/message_differencer.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <fstream>
 #include <set>
 #include <string>
@@ -20,6 +22,7 @@
 #include "model/data/waymo_reader.h"
 #include "model/files/sealed_json.h"
 #include "model/scene/scenario_validation.h"
+#include "shard_index.pb.h"
 #include "tests/fuzz/harness.h"
 
 namespace maneuver::fuzz {
@@ -56,13 +59,19 @@ bool Same(const Message& a, const Message& b) {
   return a.SerializeAsString() == b.SerializeAsString();
 }
 
-}  // namespace
+constexpr char kPacked[] = "\x1f\x8b";  // how gzip begins
 
-void TfRecord(std::string_view bytes) {
+template <typename Number>
+std::string LittleEndian(Number number) {
+  return {reinterpret_cast<const char*>(&number), sizeof number};
+}
+
+// Reads the bytes as TFRecord, in order and each record from its place.
+void ReadRecords(std::string_view bytes) {
   const std::filesystem::path file = FileOf(bytes);
   auto reader = data::TfRecordReader::Open(file, {.max_record_bytes = 1 << 16, .allow_gzip = true});
   if (!reader.ok()) return;
-  const bool packed = bytes.substr(0, 2) == "\x1f\x8b";
+  const bool packed = bytes.substr(0, 2) == kPacked;
   std::string payload;
   uint64_t before = 0;
   bool first = true;
@@ -84,8 +93,24 @@ void TfRecord(std::string_view bytes) {
   }
 }
 
-void ShardIndex(std::string_view bytes) {
-  // A folder of two recordings; the bytes become the index of its shard.
+// Returns the records of the bytes, each with the lengths and checksums that it should have, but
+// for the last one: its length may be too long.
+std::string WithRightChecksums(std::string_view bytes) {
+  std::string records;
+  while (bytes.size() >= 12) {
+    uint64_t length = 0;
+    std::memcpy(&length, bytes.data(), sizeof length);
+    const std::string header = LittleEndian(length);
+    const std::string_view payload = bytes.substr(12, length);
+    records += header + LittleEndian(data::MaskedCrc32c(header));
+    records += std::string(payload) + LittleEndian(data::MaskedCrc32c(payload));
+    bytes.remove_prefix(std::min(bytes.size(), 12 + payload.size() + 4));
+  }
+  return records + std::string(bytes);
+}
+
+// Returns a dataset folder of two recordings, "a" and "b".
+const std::filesystem::path& IndexedFolder() {
   static const auto& folder = *new std::filesystem::path([] {
     const auto made = Folder() / "indexed";
     auto writer = data::DatasetWriter::Create(made, "fuzz");
@@ -103,21 +128,47 @@ void ShardIndex(std::string_view bytes) {
     Expect((*writer)->Commit().ok(), "the writer commits");
     return made;
   }());
-  static const std::string index_name = [] {
+  return folder;
+}
+
+}  // namespace
+
+void TfRecord(std::string_view bytes) {
+  ReadRecords(bytes);
+  if (bytes.substr(0, 2) != kPacked) ReadRecords(WithRightChecksums(bytes));
+}
+
+// The bytes are an index, whose checksum is right. One that names no shard is of the shard that is
+// there: it is believed, so what it says may be wrong, and no recording is read from a wrong place.
+// Any other is never used.
+void ShardIndex(std::string_view bytes) {
+  static const std::filesystem::path& folder = IndexedFolder();
+  static const auto& shard = *new v1::Shard([] {
     const auto manifest = data::ReadDatasetManifest(folder);
     Expect(manifest.ok(), manifest.status().ToString());
-    return "." + manifest->shards(0).file() + ".index";
-  }();
-  std::ofstream(folder / index_name, std::ios::binary | std::ios::trunc)
-      .write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-  // No index makes a folder unreadable, or its recordings others.
+    return manifest->shards(0);
+  }());
+  data::ShardIndex message;
+  const bool believed = ParseMessage(bytes, &message) && message.shard_sha256().empty();
+  if (believed) message.set_shard_sha256(shard.sha256());
+  const std::string content = believed ? message.SerializePartialAsString() : std::string(bytes);
+  std::ofstream(folder / ("." + shard.file() + ".index"), std::ios::binary | std::ios::trunc)
+      << LittleEndian(data::MaskedCrc32c(content)) << content;
   const auto index = data::RecordingIndex::Open(folder);
   Expect(index.ok(), index.status().ToString());
-  Expect(index->entries().size() == 2 && index->Find("a") == 0 && index->Find("b") == 1,
-         "an index finds the recordings that are there");
+  Expect(index->entries().size() == 2, "an index has as many entries as its shard has records");
+  if (!believed) {
+    Expect(index->Find("a") == 0 && index->Find("b") == 1, "recordings are found by their ids");
+  }
   for (const size_t i : {0, 1}) {
     const auto recording = index->Read(i);
-    Expect(recording.ok() && recording->scenario_id() == (i == 0 ? "a" : "b"),
+    if (believed && !recording.ok()) {
+      Expect(recording.status().code() == absl::StatusCode::kDataLoss,
+             recording.status().ToString());
+      continue;
+    }
+    const bool either = believed && recording->scenario_id() == (i == 0 ? "b" : "a");
+    Expect(recording.ok() && (either || recording->scenario_id() == (i == 0 ? "a" : "b")),
            "a recording is read from its place");
   }
 }

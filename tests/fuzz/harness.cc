@@ -12,6 +12,7 @@
 #include "maneuver/v1/prediction_service.pb.h"
 #include "maneuver/v1/scenario.pb.h"
 #include "maneuver/v1/training_settings.pb.h"
+#include "shard_index.pb.h"
 #include "stream_script.pb.h"
 #include "tag_files.pb.h"
 
@@ -62,7 +63,7 @@ const std::vector<Harness>& Harnesses() {
       {"safetensors", Safetensors, None},
       {"scenario", Scenario, Of<v1::Scenario>},
       {"settings", Settings, Of<v1::TrainingSettings>},
-      {"shard_index", ShardIndex, None},
+      {"shard_index", ShardIndex, Of<data::ShardIndex>},
       {"stream", Stream, Of<StreamScript>},
       {"tags", Tags, Of<tags::TagHead>},
       {"tfrecord", TfRecord, None},

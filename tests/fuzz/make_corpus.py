@@ -246,9 +246,20 @@ def main():
     write("settings", "paper", paper.SerializeToString())
 
     write("tfrecord", "two-records", record(b"abc") + record(b"") + record(b"x" * 40))
+    write("tfrecord", "longer", record(b"a" * 5) + struct.pack("<QI", 1 << 40, 0) + b"cut off")
     write("tfrecord", "damaged", record(b"abc")[:-1] + b"?" + record(b"after it") + b"cut")
     import gzip
     write("tfrecord", "packed", gzip.compress(record(b"abc") + record(b"defg" * 30), mtime=0))
+    believed = index.ShardIndex(format_version=1)
+    offset = 0
+    for scenario_id in ("a", "b"):  # as the harness writes them
+        scene = scenarios.Scenario(scenario_id=scenario_id)
+        scene.agents.add(id=1, length=4, width=2).states.add()
+        payload = scene.SerializeToString()
+        believed.recordings.add(scenario_id=scenario_id, offset=offset, payload_bytes=len(payload),
+                                payload_crc=masked(payload))
+        offset += len(record(payload))
+    write("shard_index", "believed", believed.SerializeToString())
     write("shard_index", "foreign", index.ShardIndex(format_version=1, shard_sha256="0" * 64).SerializeToString())
     write_waymo(waymo)
     write_nuscenes()
