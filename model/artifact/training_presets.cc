@@ -26,7 +26,6 @@ namespace {
 using google::protobuf::FieldDescriptor;
 using google::protobuf::Message;
 
-constexpr int kLeastStrideNanos = 10'000'000;  // 0.01 s, as in the other requests
 constexpr int kDualPosteriorEpochs = 6;
 constexpr int kCovarianceWidth = 64;  // of the predicted covariance's hidden layer
 
@@ -330,8 +329,8 @@ v1::TrainingSettings ParsePreset(std::initializer_list<const char*> texts) {
 void CheckExamples(const v1::ExampleSettings& examples, FieldRules* rules) {
   const auto check_stride = [rules](const char* field, const google::protobuf::Duration& stride) {
     if (!rules->Positive(field, stride)) return;
-    rules->Require(stride.seconds() > 0 || stride.nanos() >= kLeastStrideNanos, field,
-                   "must be at least 0.01 s");
+    rules->Require(stride.seconds() > 0 || stride.nanos() >= kLeastStride * 1e9, field,
+                   absl::StrCat("must be at least ", kLeastStride, " s"));
   };
   check_stride("examples.stride", examples.stride());
   if (examples.has_training_stride()) {

@@ -15,6 +15,10 @@ namespace maneuver::artifact {
 // The value of optimization.micro_batches when ranks train together and the settings leave it 0.
 inline constexpr int kMicroBatchesOfRanks = 8;
 
+// The shortest time from one example of a target to the next that any settings or request may ask
+// for, seconds.
+inline constexpr double kLeastStride = 0.01;
+
 // Returns `settings` with every unset field filled in from its preset. Without a preset's name,
 // that is "lanes", or "compact" if the settings have a raster, a backbone or target_motion. A
 // repeated field replaces the preset's as a whole. A width of scene_vectors set to 0, or

@@ -22,9 +22,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr size_t kAheadPerThread = 4;  // recordings
-constexpr double kLeastStride = 0.01;  // seconds
-constexpr double kMostStride = 3600.0;
+constexpr size_t kAheadPerThread = 4;   // recordings
+constexpr double kMostStride = 3600.0;  // seconds
 
 // A shard of a dataset, and what its tags are called.
 struct Source {
@@ -222,9 +221,10 @@ absl::StatusOr<TaggingSummary> TagDatasets(std::shared_ptr<const inference::Acti
     return absl::InvalidArgumentError(absl::StrCat("there is no part ", options.part, " of ",
                                                    options.parts, "; parts are counted from 0"));
   }
-  if (options.stride && !(*options.stride >= kLeastStride && *options.stride <= kMostStride)) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("stride must lie within ", kLeastStride, " and ", kMostStride, " seconds"));
+  if (options.stride &&
+      !(*options.stride >= artifact::kLeastStride && *options.stride <= kMostStride)) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "stride must lie within ", artifact::kLeastStride, " and ", kMostStride, " seconds"));
   }
   const absl::StatusOr<std::vector<Source>> sources = FindSources(options.datasets);
   if (!sources.ok()) return sources.status();

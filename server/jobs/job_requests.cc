@@ -32,8 +32,7 @@ constexpr int kDefaultFolds = 5;
 constexpr int kMostPriority = 100;
 constexpr int kMostRanks = 64;
 constexpr int kMostParts = 10'000;
-constexpr double kLeastStride = 0.01;  // seconds
-constexpr double kMostStride = 3600.0;
+constexpr double kMostStride = 3600.0;  // seconds
 constexpr char kDatasetRule[] =
     "expected datasets/{dataset}, with ids of lower-case letters, digits and hyphens";
 
@@ -354,8 +353,8 @@ absl::Status CheckTagRequest(const v1::TagRequest& request) {
   const bool is_well_formed =
       request.stride().nanos() >= 0 && request.stride().nanos() < 1'000'000'000;
   if (request.has_stride() &&
-      !(is_well_formed && stride >= kLeastStride && stride <= kMostStride)) {
-    violations.Add("stride", absl::StrCat("must be ", kLeastStride, " to ", kMostStride,
+      !(is_well_formed && stride >= artifact::kLeastStride && stride <= kMostStride)) {
+    violations.Add("stride", absl::StrCat("must be ", artifact::kLeastStride, " to ", kMostStride,
                                           " seconds, with 0 to 999,999,999 nanos"));
   }
   CheckRequestId(request.request_id(), violations);
