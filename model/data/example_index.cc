@@ -72,8 +72,16 @@ std::vector<int> StartStates(const v1::Agent& agent, const Window& window) {
   const double end = std::floor((last + window.tolerance) / window.stride);
   for (double k = std::ceil((first - window.tolerance) / window.stride); k <= end; ++k) {
     const int start = scene::FindState(agent, k * window.stride, window.tolerance, HUGE_VAL);
+    if (start < 0) {
+      // Continues just before the next state: a gap may be millions of strides long.
+      const auto next =
+          std::ranges::upper_bound(agent.states(), k * window.stride, {}, &v1::AgentState::time);
+      if (next == agent.states().end()) break;
+      k = std::max(k, std::floor((next->time() - window.tolerance) / window.stride) - 2.0);
+      continue;
+    }
     // A stride shorter than the track's own interval reaches the same state twice.
-    if (start >= 0 && (starts.empty() || start > starts.back())) starts.push_back(start);
+    if (starts.empty() || start > starts.back()) starts.push_back(start);
   }
   return starts;
 }

@@ -134,6 +134,20 @@ TEST(EnumerateExamplesTest, LargeClocksWork) {
               TimesAre(Expected{epoch + 1.0, epoch + 1.5, epoch + 2.0, epoch + 2.5, epoch + 3.0}));
 }
 
+TEST(EnumerateExamplesTest, AGapOfThreeCenturiesTakesNoTime) {
+  const double later = 1e10;
+  v1::Agent agent = Vehicle(7, 0.0, 36, 10.0);
+  agent.mutable_states()->MergeFrom(Vehicle(7, later, 36, 10.0).states());
+  v1::ExampleSettings settings = Settings();
+  settings.mutable_stride()->set_nanos(10'000'000);
+  const auto examples = EnumerateExamples(Recording(agent), 0, Spec(), settings);
+  Expected times;
+  for (const double start : {0.0, later}) {
+    for (int i = 10; i <= 15; ++i) times.push_back(start + 0.1 * i);
+  }
+  EXPECT_THAT(Times(examples), Pointwise(DoubleNear(1e-5), times));
+}
+
 TEST(EnumerateExamplesTest, WithoutAStrideThereAreNoExamples) {
   v1::ExampleSettings settings = Settings();
   settings.clear_stride();
