@@ -16,14 +16,16 @@
 #include "absl/strings/str_cat.h"
 #include "model/data/commonroad/lanelet_map.h"
 #include "model/files/digest.h"
+#include "model/scene/scenario_validation.h"
 
 namespace maneuver::data {
 namespace {
 
 using pugi::xml_node;
 
-constexpr double kPast = 1.0;       // seconds of a recording before its prediction time
-constexpr int kMostSteps = 10'000;  // at which a static obstacle's state is repeated
+constexpr double kPast = 1.0;          // seconds of a recording before its prediction time
+constexpr int kMostSteps = 10'000;     // of a traffic light that are read
+constexpr double kMostDuration = 1e9;  // of what a traffic light shows, steps
 
 // Reads elements and keeps the first error, wherever it is found. Throws nothing.
 class Reading {
@@ -152,6 +154,7 @@ void AddState(const xml_node& state, double step, const std::string& what, Readi
   const double speed = reading.Value(state.child("velocity"), what + ": velocity").value_or(0.0);
   v1::AgentState* added = agent->add_states();
   added->set_time(*time * step);
+  if (!std::isfinite(added->time())) reading.Fail(what + ": time is beyond any clock");
   added->set_x(place->x);
   added->set_y(place->y);
   added->set_heading(static_cast<float>(std::remainder(heading, 2.0 * M_PI)));
@@ -195,13 +198,15 @@ void AddObstacles(const xml_node& root, double step, Reading& reading, v1::Scena
     if (IsStatic(obstacle)) standing.insert(agent.id());
     *scenario->add_agents() = std::move(agent);
   }
-  const int steps = static_cast<int>(std::min<double>(last_step, kMostSteps));
   for (v1::Agent& agent : *scenario->mutable_agents()) {
     if (!standing.contains(agent.id()) || agent.states_size() != 1) continue;
     const v1::AgentState stands = agent.states(0);
-    for (int i = static_cast<int>(std::round(stands.time() / step)) + 1; i <= steps; ++i) {
+    const double first_step = std::round(stands.time() / step);
+    const int steps = static_cast<int>(
+        std::min<double>(scene::ScenarioLimits().max_states_per_agent - 1, last_step - first_step));
+    for (int i = 1; i <= steps; ++i) {
       *agent.add_states() = stands;
-      agent.mutable_states()->rbegin()->set_time(i * step);
+      agent.mutable_states()->rbegin()->set_time((first_step + i) * step);
     }
   }
 }
@@ -309,16 +314,19 @@ std::vector<v1::TrafficSignalReading> ReadingsOf(const xml_node& light, int last
   std::vector<std::pair<int64_t, v1::TrafficSignalState>> cycle;  // duration in steps, state
   int64_t length = 0;
   for (const xml_node& element : light.child("cycle").children("cycleElement")) {
-    const auto duration =
-        static_cast<int64_t>(reading.Number(element.child("duration"), what + ": duration"));
-    if (duration <= 0) reading.Fail(what + ": duration must be positive");
-    cycle.emplace_back(duration, StateOf(element.child("color").text().as_string()));
-    length += duration;
+    const double duration = reading.Number(element.child("duration"), what + ": duration");
+    if (!(duration >= 1.0 && duration <= kMostDuration)) {
+      reading.Fail(absl::StrCat(what, ": duration must be 1 to ", kMostDuration, " steps"));
+      return {};
+    }
+    cycle.emplace_back(static_cast<int64_t>(duration),
+                       StateOf(element.child("color").text().as_string()));
+    length += cycle.back().first;
   }
   std::vector<v1::TrafficSignalReading> readings;
   if (cycle.empty() || !reading.ok()) return readings;
   const bool active = light.child("active").text().as_bool(true);
-  const int64_t offset = light.child("cycle").child("timeOffset").text().as_llong(0);
+  const int64_t offset = light.child("cycle").child("timeOffset").text().as_llong(0) % length;
   for (int i = 0; i <= last; ++i) {
     int64_t within = (((i - offset) % length) + length) % length;
     size_t element = 0;
@@ -368,7 +376,8 @@ void AddSignals(const xml_node& root, double step, Reading& reading, v1::Scenari
 absl::StatusOr<v1::Scenario> Read(const xml_node& root, std::string_view xml) {
   Reading reading;
   const double step = root.attribute("timeStepSize").as_double(0.0);
-  if (!(step > 0.0)) return absl::InvalidArgumentError("commonRoad: timeStepSize must be positive");
+  if (!(step > 0.0 && std::isfinite(step)))
+    return absl::InvalidArgumentError("commonRoad: timeStepSize must be positive");
   v1::Scenario scenario;
   const std::string id = root.attribute("benchmarkID").as_string();
   scenario.set_scenario_id(id.empty() ? absl::StrCat("nosid-", files::Sha256Hex(xml).substr(0, 8))

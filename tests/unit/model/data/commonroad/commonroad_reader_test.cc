@@ -99,6 +99,21 @@ TEST(CommonRoadTest, AStaticObstacleHasAStateAtEveryStep) {
   EXPECT_EQ(older.agents(1).states_size(), 21);
 }
 
+TEST(CommonRoadTest, AStaticObstacleHasNoMoreStatesThanAScenarioMayHave) {
+  const auto states_from = [](int step) {
+    const std::string parked = "<staticObstacle id=\"9\"><type>parkedVehicle</type>" + kCarShape +
+                               State("initialState", step, 5.0, -2.0, 0.5, 0.0) +
+                               "</staticObstacle>";
+    return Parse(File("2020a", parked + DrivenCar("dynamicObstacle", ""))).agents(0);
+  };
+  EXPECT_EQ(states_from(18).states_size(), 3);
+  EXPECT_DOUBLE_EQ(states_from(18).states(2).time(), 2.0);
+  EXPECT_EQ(states_from(1'000'000'000).states_size(), 1);
+  const v1::Agent long_ago = states_from(-1'000'000'000);
+  ASSERT_EQ(long_ago.states_size(), scene::ScenarioLimits().max_states_per_agent);
+  EXPECT_DOUBLE_EQ(long_ago.states(1).time(), -99'999'999.9);
+}
+
 TEST(CommonRoadTest, TakesTheMiddleOfAnIntervalAndTheCentreOfAnArea) {
   const v1::Scenario scenario =
       Parse(File("2018b", "<obstacle id=\"1\"><role>dynamic</role><type>car</type>" + kCarShape +
@@ -242,6 +257,25 @@ TEST(CommonRoadTest, ErrorsNameTheElement) {
   std::string no_step = File("2020a", car);
   no_step.replace(no_step.find("timeStepSize=\"0.1\""), 18, "");
   EXPECT_THAT(problem(no_step), HasSubstr("timeStepSize"));
+  std::string endless_step = File("2020a", car);
+  endless_step.replace(endless_step.find("timeStepSize=\"0.1\""), 18, "timeStepSize=\"inf\"");
+  EXPECT_THAT(problem(endless_step), HasSubstr("timeStepSize"));
+  wrong = car;
+  wrong.replace(wrong.rfind("<exact>20.0"), 11, "<exact>1e308");
+  std::string long_step = File("2020a", wrong);
+  long_step.replace(long_step.find("timeStepSize=\"0.1\""), 18, "timeStepSize=\"1e2\"");
+  EXPECT_THAT(problem(long_step), HasSubstr("obstacle 7: state of its trajectory: time"));
+  for (const char* duration : {"0", "-5", "1e10", "4611686018427387904", "nan"}) {
+    std::string light = "<trafficLight id=\"80\"><cycle>";
+    for (int i = 0; i < 4; ++i) {
+      light += std::string("<cycleElement><duration>") + duration +
+               "</duration><color>green</color></cycleElement>";
+    }
+    light += "</cycle></trafficLight>";
+    EXPECT_THAT(problem(File("2020a", car + "<lanelet id=\"5\">" + kBounds +
+                                          "<trafficLightRef ref=\"80\"/></lanelet>" + light)),
+                HasSubstr("trafficLight 80: duration"));
+  }
 }
 
 }  // namespace
