@@ -35,16 +35,29 @@ std::string ColumnNames() {
   return absl::StrJoin(names, ", ");
 }
 
-absl::StatusOr<double> ParseValue(Column column, const std::string& text) {
+// What a column's integers are compared with.
+struct Value {
+  int64_t from;   // the smallest integer that is not less
+  int64_t after;  // the smallest integer that is greater
+};
+
+absl::StatusOr<Value> ParseValue(Column column, const std::string& text) {
   if (column == Column::kClass) {
     for (int type = v1::AGENT_TYPE_UNSPECIFIED; type <= v1::AGENT_TYPE_OTHER; ++type) {
-      if (ClassName(type) == text) return type;
+      if (ClassName(type) == text) return Value{type, type + 1};
     }
     return absl::InvalidArgumentError(absl::StrCat(
         "\"", text, "\" is not a class; give vehicle, pedestrian, cyclist, other or unspecified"));
   }
+  // Not every integer beyond 2^53, such as an id, has a double.
+  int64_t integer = 0;
+  if (SpecOf(column).decimals == 0 && absl::SimpleAtoi(text, &integer) && integer < kMost) {
+    return Value{integer, integer + 1};
+  }
   double value = 0.0;
-  if (absl::SimpleAtod(text, &value) && std::isfinite(value)) return value;
+  if (absl::SimpleAtod(text, &value) && std::isfinite(value)) {
+    return Value{FirstFrom(column, value, false), FirstFrom(column, value, true)};
+  }
   return absl::InvalidArgumentError(absl::StrCat("\"", text, "\" is not a number"));
 }
 
@@ -72,14 +85,13 @@ absl::StatusOr<Condition> ParseCondition(const std::string& text) {
     return absl::InvalidArgumentError(
         absl::StrCat("\"", name, "\" is not a column with numbers; there are ", ColumnNames()));
   }
-  const absl::StatusOr<double> value =
+  const absl::StatusOr<Value> value =
       ParseValue(*column, std::string(absl::StripAsciiWhitespace(text.substr(end))));
   if (!value.ok()) {
     return absl::InvalidArgumentError(absl::StrCat("\"", text, "\": ", value.status().message()));
   }
   Condition condition{*column};
-  const int64_t from = FirstFrom(*column, *value, false);
-  const int64_t after = FirstFrom(*column, *value, true);
+  const auto [from, after] = *value;
   if (sign == ">=") condition.least = from;
   if (sign == ">") condition.least = after;
   if (sign == "<") condition.most = from - 1;

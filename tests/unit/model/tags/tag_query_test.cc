@@ -54,6 +54,18 @@ TEST(ConditionTest, AcceptsNumbersBeyondAllRanges) {
   EXPECT_THAT(Fulfilling("x = 1e300", Column::kX, 0).size(), 0u);
 }
 
+// 2^53 + 1 and 2^60 + 3 have no double.
+TEST(ConditionTest, FindsEachIdWhateverItsSize) {
+  for (const int64_t id :
+       {(int64_t{1} << 53) + 1, (int64_t{1} << 60) + 3, -(int64_t{1} << 60) - 3}) {
+    const auto condition = ParseCondition("target = " + std::to_string(id));
+    ASSERT_TRUE(condition.ok()) << condition.status();
+    EXPECT_EQ(condition->least, id);
+    EXPECT_EQ(condition->most, id);
+    EXPECT_EQ(ParseCondition("target > " + std::to_string(id))->least, id + 1);
+  }
+}
+
 TEST(ConditionTest, AClassHasAName) {
   const auto condition = ParseCondition("class = cyclist");
   ASSERT_TRUE(condition.ok());
