@@ -41,6 +41,7 @@ using google::protobuf::Struct;
 using tags::Column;
 
 constexpr int kMostPanels = 16;
+constexpr int64_t kMostMatches = 1'000'000;
 constexpr int64_t kCandidates = 20;  // for each scene of a dataset without near-duplicates
 
 struct FindArguments {
@@ -104,12 +105,13 @@ absl::Status AddSpeed(const std::string& text, tags::TagQuery* query) {
 absl::Status AddSurprise(const std::string& text, FindArguments* arguments, tags::TagQuery* query) {
   query->most_surprising = true;
   if (absl::StartsWith(text, "top:")) {
-    const bool readable =
-        absl::SimpleAtoi(text.substr(4), &arguments->limit) && arguments->limit > 0;
+    const bool readable = absl::SimpleAtoi(text.substr(4), &arguments->limit) &&
+                          arguments->limit > 0 && arguments->limit <= kMostMatches;
     return readable ? absl::OkStatus() : Unreadable("--surprise", text, "top:50");
   }
   double least = 0.0;
-  if (!absl::SimpleAtod(text, &least)) return Unreadable("--surprise", text, "top:50");
+  if (!absl::SimpleAtod(text, &least) || std::isnan(least))
+    return Unreadable("--surprise", text, "top:50");
   query->conditions.push_back(tags::Between(Column::kSurprise, least, HUGE_VAL));
   return absl::OkStatus();
 }
@@ -604,7 +606,7 @@ void AddFind(Command& root, Environment& environment) {
                  "Count each part of the rows apart; shares are of the part's windows");
   command.Option("--against", &arguments->against,
                  "Compare the shares with those in other folders of tags");
-  command.Option("--limit", &arguments->limit, 0, 1'000'000, "Most matches to show");
+  command.Option("--limit", &arguments->limit, 0, kMostMatches, "Most matches to show");
   command.Flag("--distinct", &arguments->distinct,
                "Leave out near-duplicates: same actions, place, heading, speed and latent");
   command.Option("--dataset", &arguments->datasets,

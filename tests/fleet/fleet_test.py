@@ -333,6 +333,7 @@ class FindTest(unittest.TestCase):
         for arguments, says in ((("--action", "fly*"), "no action is called"), (("--speed", "5"), "--speed"),
                                 (("--near", "1,2"), "--near"), (("--where", "price>3"), "not a column"),
                                 (("--where", "ade>x"), "not a number"), (("--surprise", "top:0"), "--surprise"),
+                                (("--surprise", "nan"), "--surprise"), (("--surprise", "top:1000001"), "--surprise"),
                                 (("--extract", "e"), "--dataset"), (("--against", "tags"), "--by"), (("--per", "hour"), "--by"), (("--side", "ahead"), "--with")):
             self.assertIn(says, run("find", "tags", *arguments, status=2).stderr)
         self.assertIn("schema.json", run("find", "d0", status=1).stderr)
