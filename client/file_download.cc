@@ -199,8 +199,9 @@ class Download {
       progress_.total += file.size_bytes();
     }
     std::vector<fs::path> others;
-    for (const auto& entry : fs::directory_iterator(part_, error)) {
-      if (!wanted.contains(entry.path().filename().string())) others.push_back(entry.path());
+    for (fs::directory_iterator entry(part_, error); !error && entry != fs::directory_iterator();
+         entry.increment(error)) {
+      if (!wanted.contains(entry->path().filename().string())) others.push_back(entry->path());
     }
     for (const fs::path& other : others) fs::remove_all(other, error);
     progress_.resumed = progress_.there;

@@ -17,6 +17,7 @@
 #include "client/cli/text_format.h"
 #include "model/data/dataset_folder.h"
 #include "model/data/recording_split.h"
+#include "model/files/durable_file.h"
 #include "model/machine/usable_cores.h"
 #include "model/scene/scenario_validation.h"
 
@@ -221,17 +222,16 @@ absl::StatusOr<std::vector<ImportFile>> FindFiles(const std::vector<std::string>
       add(input);
       continue;
     }
-    std::vector<fs::path> found;
-    for (const fs::directory_entry& entry : fs::directory_iterator(input, error)) {
-      if (!entry.is_regular_file(error) || entry.path().filename().string().front() == '.')
-        continue;
-      if (extension.empty() || entry.path().extension() == extension) found.push_back(entry.path());
+    const auto entries = files::ListFolder(input);
+    if (!entries.ok()) return entries.status();
+    const size_t before = files.size();
+    for (const fs::path& entry : *entries) {
+      if (!fs::is_regular_file(entry, error) || entry.filename().string().front() == '.') continue;
+      if (extension.empty() || entry.extension() == extension) add(entry);
     }
-    if (found.empty()) {
+    if (files.size() == before) {
       return absl::NotFoundError(absl::StrCat(input, " holds no files to import"));
     }
-    std::sort(found.begin(), found.end());
-    for (const fs::path& file : found) add(file);
   }
   return files;
 }

@@ -41,15 +41,17 @@ class ArgoverseFiles {
   absl::Status ReadMaps(ImportSink& sink) {
     auto maps = std::make_shared<data::CityMaps>();
     std::error_code error;
-    for (const fs::directory_entry& entry : fs::directory_iterator(folder_, error)) {
-      const std::string name = entry.path().filename();
+    const auto entries = files::ListFolder(folder_);
+    if (!entries.ok() && fs::is_directory(folder_, error)) return entries.status();
+    for (const fs::path& entry : entries.value_or(std::vector<fs::path>())) {
+      const std::string name = entry.filename();
       for (const char* city : {"PIT", "MIA"}) {
         if (!name.starts_with(absl::StrCat("pruned_argoverse_", city, "_")) ||
             !name.ends_with("_vector_map.xml")) {
           continue;
         }
         absl::StatusOr<data::VectorMap> map = data::ReadVectorMap(
-            entry.path(), [&sink](const absl::Status& damage) { return sink.Damaged(damage); });
+            entry, [&sink](const absl::Status& damage) { return sink.Damaged(damage); });
         if (!map.ok()) return map.status();
         if (map->open_links > 0) {
           sink.Note(absl::StrCat(name, ": ", map->open_links,

@@ -1,6 +1,5 @@
 // maneuver import nuscenes: the tables and the map expansion of nuScenes as a dataset folder.
 
-#include <algorithm>
 #include <map>
 #include <memory>
 #include <optional>
@@ -16,6 +15,7 @@
 #include "model/data/nuscenes/expansion_map.h"
 #include "model/data/nuscenes/nuscenes_scene.h"
 #include "model/data/nuscenes/nuscenes_tables.h"
+#include "model/files/durable_file.h"
 
 namespace maneuver::cli {
 namespace {
@@ -39,10 +39,11 @@ absl::StatusOr<std::vector<ImportFile>> FindTables(const std::vector<std::string
       folders.push_back(input);
     } else {
       std::error_code error;
-      for (const fs::directory_entry& entry : fs::directory_iterator(input, error)) {
-        if (HoldsTables(entry.path())) folders.push_back(entry.path());
+      const auto entries = files::ListFolder(input);
+      if (!entries.ok() && fs::is_directory(input, error)) return entries.status();
+      for (const fs::path& entry : entries.value_or(std::vector<fs::path>())) {
+        if (HoldsTables(entry)) folders.push_back(entry);
       }
-      std::sort(folders.begin(), folders.end());
     }
     if (folders.empty()) {
       return absl::NotFoundError(

@@ -227,15 +227,13 @@ absl::StatusOr<v1::Dataset> DatasetStore::Get(const std::string& id) const {
 }
 
 absl::StatusOr<std::vector<std::string>> DatasetStore::FolderNames() const {
+  const auto entries = files::ListFolder(folder_);
+  if (!entries.ok()) return entries.status();
   std::vector<std::string> names;
-  std::error_code error;
-  fs::directory_iterator entry(folder_, error);
-  for (; !error && entry != fs::directory_iterator(); entry.increment(error)) {
-    std::string name = entry->path().filename().string();
+  for (const fs::path& entry : *entries) {
+    std::string name = entry.filename().string();
     if (name.front() != '.') names.push_back(std::move(name));
   }
-  if (error) return files::ErrnoStatus(error.value(), "read", folder_);
-  std::ranges::sort(names);
   return names;
 }
 

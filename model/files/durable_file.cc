@@ -6,6 +6,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdint>
 #include <system_error>
@@ -116,6 +117,18 @@ absl::Status SyncPath(const fs::path& path) {
   return ErrnoStatus(error, "sync", path);
 }
 
+absl::StatusOr<std::vector<fs::path>> ListFolder(const fs::path& folder) {
+  std::error_code error;
+  std::vector<fs::path> entries;
+  fs::directory_iterator entry(folder, error);
+  for (; !error && entry != fs::directory_iterator(); entry.increment(error)) {
+    entries.push_back(entry->path());
+  }
+  if (error) return ErrnoStatus(error.value(), "read", folder);
+  std::ranges::sort(entries);
+  return entries;
+}
+
 absl::Status PublishFolder(const fs::path& temporary, const fs::path& folder) {
   if (absl::Status status = SyncFolder(temporary); !status.ok()) return status;
   return MoveIntoPlace(temporary, folder);
@@ -155,18 +168,14 @@ absl::StatusOr<fs::path> MoveAside(const fs::path& path) {
 }
 
 absl::Status RemoveTemporaries(const fs::path& parent) {
-  std::error_code error;
-  std::vector<fs::path> temporaries;
-  fs::directory_iterator entry(parent, error);
-  for (; !error && entry != fs::directory_iterator(); entry.increment(error)) {
-    const std::string name = entry->path().filename().string();
+  const auto entries = ListFolder(parent);
+  if (!entries.ok()) return entries.status();
+  for (const fs::path& entry : *entries) {
+    const std::string name = entry.filename().string();
     if (name.front() != '.' || name.find(kTemporaryMark, 1) == std::string::npos) continue;
-    temporaries.push_back(entry->path());
-  }
-  if (error) return ErrnoStatus(error.value(), "read", parent);
-  for (const fs::path& temporary : temporaries) {
-    fs::remove_all(temporary, error);
-    if (error) return ErrnoStatus(error.value(), "remove", temporary);
+    std::error_code error;
+    fs::remove_all(entry, error);
+    if (error) return ErrnoStatus(error.value(), "remove", entry);
   }
   return absl::OkStatus();
 }

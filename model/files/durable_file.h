@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -20,6 +21,9 @@ absl::StatusOr<std::string> ReadFile(const std::filesystem::path& file);
 // Returns the whole content of what a person named: a pipe, such as <(...) of a shell, is read to its
 // end. NOT_FOUND if there is no such file.
 absl::StatusOr<std::string> ReadInput(const std::filesystem::path& file);
+
+// Returns the paths of all that is in a folder, sorted.
+absl::StatusOr<std::vector<std::filesystem::path>> ListFolder(const std::filesystem::path& folder);
 
 // Replaces `file` in one step: writes a temporary file beside it, syncs it, renames it and syncs
 // the folder.

@@ -162,10 +162,11 @@ std::shared_ptr<UploadStaging::Slot> UploadStaging::Enter(const std::string& id,
 
 absl::Status UploadStaging::Announce(Slot& slot, const Bytes& bytes,
                                      const std::function<absl::Status(const Others&)>& refuse) {
-  const MutexLock lock(mutex_);
   if (is_shared_) {
+    // May take seconds, in which other uploads of this server go on.
     const auto others = FolderLock::Take(folder_.parent_path() / ".uploads.lock");
     if (!others.ok()) return others.status();
+    const MutexLock lock(mutex_);
     if (absl::Status status = refuse(OthersOnDisk(slot.name)); !status.ok()) return status;
     std::error_code error;
     fs::create_directories(slot.folder, error);
@@ -173,6 +174,7 @@ absl::Status UploadStaging::Announce(Slot& slot, const Bytes& bytes,
     const std::string& turn = turns_[slot.name] = NewTurn();
     return WriteFileAtomically(slot.folder / kAnnounced, absl::StrCat(turn, " ", bytes.announced));
   }
+  const MutexLock lock(mutex_);
   const auto known = announced_.find(slot.name);
   const Bytes own = known == announced_.end() ? Bytes() : known->second;
   Others others{.under_way = under_way_, .broken_off = BrokenOffBytes()};

@@ -23,9 +23,10 @@ constexpr char kPrefix[] = "checkpoint-";
 // Numbers of the checkpoints in a folder, ascending.
 std::vector<int64_t> Numbers(const fs::path& folder) {
   std::vector<int64_t> numbers;
-  std::error_code ignored;
-  for (const fs::directory_entry& entry : fs::directory_iterator(folder, ignored)) {
-    const std::string name = entry.path().filename().string();
+  const auto entries = files::ListFolder(folder);
+  if (!entries.ok()) return numbers;
+  for (const fs::path& entry : *entries) {
+    const std::string name = entry.filename().string();
     if (name.compare(0, std::strlen(kPrefix), kPrefix) != 0) continue;
     const int64_t number = std::atoll(name.c_str() + std::strlen(kPrefix));
     if (number > 0) numbers.push_back(number);

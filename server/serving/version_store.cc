@@ -37,6 +37,21 @@ absl::Status FileError(const char* what, const std::error_code& error) {
   return absl::InternalError(absl::StrCat("cannot ", what, ": ", error.message()));
 }
 
+// Returns what is in a folder of models or of versions. One that another server has deleted meanwhile
+// is empty.
+absl::StatusOr<std::vector<fs::path>> Entries(const fs::path& folder) {
+  auto entries = files::ListFolder(folder);
+  if (absl::IsNotFound(entries.status())) return std::vector<fs::path>();
+  if (entries.ok()) return entries;
+  return errors::WithFolderReason(entries.status(), "models");
+}
+
+// Something that cannot be looked at, such as a link that leads nowhere, is none.
+bool IsFolder(const fs::path& path) {
+  std::error_code error;
+  return fs::is_directory(path, error);
+}
+
 // Sets the report's names by where it is stored: a version's folder may have come from another
 // server.
 v1::EvaluationReport Named(v1::EvaluationReport report, const EvaluationName& name) {
@@ -77,24 +92,26 @@ absl::StatusOr<std::vector<ModelVersionName>> VersionStore::ListFolder() const {
   if (error) return FileError("create the folder of models", error);
   if (auto status = RemoveLeftovers(folder_); !status.ok()) return status;
 
+  const auto models = Entries(folder_);
+  if (!models.ok()) return models.status();
   std::vector<ModelVersionName> found;
-  for (const auto& model : fs::directory_iterator(folder_, error)) {
-    const std::string id = model.path().filename();
-    if (!security::IsResourceId(id) || !model.is_directory(error)) continue;
-    if (auto status = RemoveLeftovers(model.path()); !status.ok()) return status;
-    for (const auto& version : fs::directory_iterator(model.path(), error)) {
-      const int number = security::ParseVersion(version.path().filename().string());
-      if (number == 0 || !version.is_directory(error)) continue;
+  for (const fs::path& model : *models) {
+    const std::string id = model.filename();
+    if (!security::IsResourceId(id) || !IsFolder(model)) continue;
+    if (auto status = RemoveLeftovers(model); !status.ok()) return status;
+    const auto versions = Entries(model);
+    if (!versions.ok()) return versions.status();
+    for (const fs::path& version : *versions) {
+      const int number = security::ParseVersion(version.filename().string());
+      if (number == 0 || !IsFolder(version)) continue;
       found.push_back({id, number});
       // Left by a label that was being written, and by a report.
-      if (auto status = RemoveLeftovers(version.path()); !status.ok()) return status;
-      const fs::path evaluations = EvaluationsFolder(version.path());
-      std::error_code absent;
-      if (!fs::is_directory(evaluations, absent)) continue;
+      if (auto status = RemoveLeftovers(version); !status.ok()) return status;
+      const fs::path evaluations = EvaluationsFolder(version);
+      if (!IsFolder(evaluations)) continue;
       if (auto status = RemoveLeftovers(evaluations); !status.ok()) return status;
     }
   }
-  if (error) return FileError("list the folder of models", error);
   return found;
 }
 
@@ -111,15 +128,15 @@ absl::Status VersionStore::Adopt(const std::vector<ModelVersionName>& present) {
     if (!Contains(name)) unknown.push_back(name);
   }
   if (absl::Status status = ledger_->Adopt(unknown); !status.ok()) return status;
+  const auto models = Entries(folder_);
+  if (!models.ok()) return models.status();
   std::vector<ModelVersionName> deleted;
-  std::error_code error;
-  for (const auto& model : fs::directory_iterator(folder_, error)) {
-    const std::string id = model.path().filename();
+  for (const fs::path& model : *models) {
+    const std::string id = model.filename();
     if (!security::IsResourceId(id)) continue;
     const auto last = files::ReadFile(LastVersionFile(id));
     if (last.ok()) deleted.push_back({id, security::ParseVersion(*last)});
   }
-  if (error) return FileError("list the folder of models", error);
   return ledger_->AdoptDeleted(deleted);
 }
 

@@ -45,6 +45,16 @@ TEST_F(VersionStoreTest, KeepsAReportBesideItsVersionOverARestart) {
   EXPECT_EQ(Answers(Version("town", 1)), 1);
 }
 
+TEST_F(VersionStoreTest, LinksThatLeadNowhereDoNotKeepItFromOpening) {
+  ASSERT_TRUE(Publish("town").ok());
+  for (const std::string link : {"a-model", "zoo", "town/7"}) {
+    fs::create_directory_symlink("gone", folder_ / "models" / link);
+  }
+  Restart();
+  EXPECT_TRUE(store_->Contains({"town", 1}));
+  EXPECT_FALSE(store_->Contains({"town", 7}));
+}
+
 TEST_F(VersionStoreTest, KeepsTheNewestReportOfAVersionOnADataset) {
   ASSERT_TRUE(Publish("town").ok());
   ASSERT_TRUE(store_->KeepReport(ReportOn("unseen", 10, 1)).ok());
