@@ -16,9 +16,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// A second name for a file, or its only one where the file system knows no second names.
-//   needed_again: under its old name.
-absl::Status NameAgain(const fs::path& file, const fs::path& name, bool needed_again) {
+// Gives a file another name by a hard link. Where the file system has none, copies the file if its old
+// name is needed again, and renames it otherwise.
+absl::Status LinkOrMove(const fs::path& file, const fs::path& name, bool needed_again) {
   if (link(file.c_str(), name.c_str()) == 0) return absl::OkStatus();
   const int reason = errno;
   if (reason != EPERM && reason != EOPNOTSUPP && reason != ENOSYS && reason != EMLINK) {
@@ -268,7 +268,7 @@ absl::Status FileReceiver::Fill(const fs::path& temporary) const {
       const bool again = std::any_of(each + 1, files.end(), [&](const AnnouncedFile& later) {
         return later.sha256 == each->sha256;
       });
-      status = NameAgain(WholeFile(slot_->folder, *each), temporary / each->name, again);
+      status = LinkOrMove(WholeFile(slot_->folder, *each), temporary / each->name, again);
     }
     if (!status.ok()) return status;
   }

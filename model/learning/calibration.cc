@@ -116,8 +116,11 @@ double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log
   for (int i = 0; i < 30; ++i) {
     const double a = high - kGolden * (high - low);
     const double b = low + kGolden * (high - low);
-    (cross_entropy(a) < cross_entropy(b) ? high : low) =
-        cross_entropy(a) < cross_entropy(b) ? b : a;
+    if (cross_entropy(a) < cross_entropy(b)) {
+      high = b;
+    } else {
+      low = a;
+    }
   }
   return std::exp(0.5 * (low + high));
 }

@@ -19,7 +19,7 @@ constexpr std::array kMoves = {
     Move{v1::JOB_STATE_RUNNING, v1::JOB_STATE_CANCELLED},
     Move{v1::JOB_STATE_RUNNING, v1::JOB_STATE_PENDING},    // its process died; it goes on
     Move{v1::JOB_STATE_FAILED, v1::JOB_STATE_PENDING},     // resumed by request
-    Move{v1::JOB_STATE_CANCELLED, v1::JOB_STATE_PENDING},  // likewise
+    Move{v1::JOB_STATE_CANCELLED, v1::JOB_STATE_PENDING},  // resumed by request
 };
 
 }  // namespace

@@ -236,12 +236,13 @@ v1::Replica DescribeReplica(const ServerOptions& options, const serving::Serving
   return replica;
 }
 
-// Lets large requests be received only as far as memory is free, were they as large as may be, or a
-// few that have an eighth of it. All may go on while twice of what arrived lately fits: requests that
-// do not come take no memory. When it runs out, closes the connections that sent the most in the last
-// seconds, until the others sent no more than that eighth.
-void BoundReceiving(int port, const ServerOptions& options, rpc::MessageGate& gate,
-                    serving::MemoryBudget& memory) {
+// Bounds how many large requests are received at once, each counted as the largest that may come. They
+// have what is free below 60 % of the memory's limit, but at least an eighth of the limit. While twice
+// the bytes of the last seconds would fit there is no bound: requests whose bytes do not come take no
+// memory. Above 90 % of the limit, closes the connections that sent the most in the last seconds, until
+// the others have sent no more than that eighth.
+void BoundLargeRequests(int port, const ServerOptions& options, rpc::MessageGate& gate,
+                        serving::MemoryBudget& memory) {
   const int64_t least = serving::ShareOf(options.memory_limit, 8, options.limits.max_receive_bytes);
   memory.RelieveBy(
       [received = rpc::ReceivedBytes(port), &gate, least,

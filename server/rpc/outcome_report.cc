@@ -47,7 +47,7 @@ struct ReportedTarget {
 };
 
 struct ReportedOutcome {
-  absl::Status status;  // if not OK there are no targets
+  absl::Status status;  // if not OK, no target is scored
   std::vector<ReportedTarget> targets;
 };
 

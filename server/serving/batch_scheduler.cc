@@ -19,8 +19,8 @@ namespace {
 using std::chrono::duration;
 using std::chrono::nanoseconds;
 
-// Patient threads may come as late as the kernel's next tick, 4 ms with most: that is little beside
-// a wait of so much and more.
+// Queued work of more than this time is a backlog. A patient thread may run as late as the kernel's next
+// tick, 4 ms with most: that is little beside such a wait.
 constexpr nanoseconds kBacklog = std::chrono::milliseconds(3);
 
 constexpr double kFaultLinesPerSecond = 10.0;
@@ -149,7 +149,7 @@ absl::Status BatchScheduler::Submit(CallPtr call) {
 }
 
 absl::Status BatchScheduler::CheckWait(Priority priority, size_t targets, TimePoint deadline) {
-  targets = std::max<size_t>(targets, 1);  // of a request that cannot be read, who knows
+  targets = std::max<size_t>(targets, 1);  // one that cannot be read counts as one
   const TimePoint now = options_.now();
   absl::Status status;
   {

@@ -19,7 +19,7 @@ void DrainRate::Begin(int worker, size_t targets, TimePoint now) {
 void DrainRate::End(int worker, TimePoint now) {
   Batch& batch = at_work_[static_cast<size_t>(worker)];
   const double seconds = SecondsBetween(batch.begin, now);
-  // Of a worker's time. Idle time is none: what was measured last holds until there is work again.
+  // Of busy time: what was measured last holds while a worker is idle.
   constexpr double kMemorySeconds = 2.0;
   const double fading = std::exp(-seconds / kMemorySeconds);
   targets_ = fading * targets_ + batch.targets;

@@ -18,9 +18,9 @@ using monitoring::LogLevel;
 using std::chrono::duration;
 using std::chrono::nanoseconds;
 
-// While there is better to do.
+// After which the thread looks again whether the server has become less busy.
 constexpr auto kBetweenLooks = std::chrono::milliseconds(1);
-// Versions are let go of when they were not compared for so long.
+// After which a version that was not compared is released.
 constexpr auto kForgets = std::chrono::seconds(10);
 
 // FNV-1a over 8 bytes at a time, then the finalizer of MurmurHash3, so that all bits count.
@@ -168,7 +168,7 @@ void Shadow::Offer(const PredictionCall& call, std::vector<TargetAnswer> answers
 }
 
 size_t Shadow::Push(AnsweredRequest& request) {
-  // The shadow's thread may be made to wait while it holds the lock: then nobody waits for it.
+  // The shadow's thread may be preempted while it holds the lock. A caller does not wait for that.
   for (int i = 0; i < options_.max_tries; ++i) {
     if (i > 0) std::this_thread::yield();
     if (!mutex_.TryLock()) continue;

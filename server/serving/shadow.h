@@ -38,7 +38,7 @@ struct ShadowOptions {
   double max_share = 0.25;
   // Metrics are kept for each model, up to this many models.
   int max_models = 32;
-  // How often Offer tries to take the queue's lock before it drops the request.
+  // How many times Offer tries to take the queue's lock before it drops the request.
   int max_tries = 16;
   // The time; replaced in tests.
   std::function<TimePoint()> now = [] { return std::chrono::steady_clock::now(); };
