@@ -2,6 +2,7 @@
 
 #include <pthread.h>
 #include <signal.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -105,6 +106,9 @@ class TerminationSignals {
     pthread_sigmask(SIG_BLOCK, &signals_, nullptr);
     // A reader of the log that goes away does not take the server with it.
     signal(SIGPIPE, SIG_IGN);
+    // If it is ignored, as whoever started this process may have left it, nobody learns how trainers
+    // end.
+    signal(SIGCHLD, SIG_DFL);
   }
 
   int Wait() {
@@ -266,6 +270,16 @@ void BoundLargeRequests(int port, const ServerOptions& options, rpc::MessageGate
       });
 }
 
+// Lets this process have as many files open as so many connections need, if it may.
+void RaiseFileLimit(int connections) {
+  constexpr rlim_t kOthers = 4096;
+  rlimit files{};
+  if (getrlimit(RLIMIT_NOFILE, &files) != 0) return;
+  const rlim_t wanted = 2 * static_cast<rlim_t>(connections) + kOthers;
+  files.rlim_cur = std::min(files.rlim_max, std::max(files.rlim_cur, wanted));
+  setrlimit(RLIMIT_NOFILE, &files);
+}
+
 absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
                  ServiceManager& manager) {
   const auto metrics = monitoring::PrometheusMetrics::Create();
@@ -379,7 +393,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
        {v1::AdminService::service_full_name(), &admin_service}},
       (*protection)->access(), *metrics, (*protection)->credentials(), options.limits);
   if (!server.ok()) return server.status();
-  BoundReceiving((*server)->address().port, options, message_gate, memory);
+  BoundLargeRequests((*server)->address().port, options, message_gate, memory);
   const auto pages = ServePages(options, *metrics, **server);
   if (!pages.ok()) return pages.status();
   std::string metrics_address;
@@ -412,8 +426,13 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   std::thread loader([&] {
     Serve(options.serve, **models);
     (*models)->LoadAliased();
-    if (!options.is_shared) return;
-    while (!stop_following.StoppedWithin(kFollowInterval)) (*models)->Follow();
+    while (!stop_following.StoppedWithin(kFollowInterval)) {
+      if (options.is_shared) {
+        (*models)->Follow();
+      } else {
+        (*models)->LoadAliased();  // those that could not be loaded
+      }
+    }
   });
   // Of servers of an earlier release, which know no ledger. The folder may hang, so apart.
   StopLatch stop_adopting;
@@ -432,7 +451,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
       {{"signal", signal == SIGTERM ? "SIGTERM" : "SIGINT"},
        {"delay_seconds", std::chrono::duration<double>(options.shutdown_delay).count()},
        {"timeout_seconds", std::chrono::duration<double>(options.shutdown_timeout).count()}});
-  const auto refusing = std::chrono::system_clock::now() + options.shutdown_delay;
+  const auto refusing = std::chrono::steady_clock::now() + options.shutdown_delay;
   (*server)->TurnHealth();
   (*supervisor)->Stop();
   report.reset();  // the others no longer count on this server
@@ -440,7 +459,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
   std::this_thread::sleep_until(refusing);
   predictions.Drain();
   outcome_service.Drain();
-  (*server)->Shutdown(refusing + options.shutdown_timeout);
+  (*server)->Shutdown(std::chrono::system_clock::now() + options.shutdown_timeout);
   (*models)->OnReadyChange(nullptr);
   stop_following.Stop();
   stop_adopting.Stop();
@@ -477,6 +496,15 @@ int Main(int argc, char** argv) {
   kernels::ChooseKernels(options.kernels);
   // Jobs inherit the choice: maneuver-trainer reads this variable.
   if (kernels::UsesPlainKernels()) setenv("MANEUVER_KERNELS", "plain", /*overwrite=*/1);
+  RaiseFileLimit(options.limits.max_connections);
+  if (const int most = rpc::AffordableConnections(options.limits.max_connections);
+      most < options.limits.max_connections) {
+    Log(LogLevel::kWarning,
+        "fewer connections are accepted than --max-connections says: this process may not have "
+        "more "
+        "files open; raise its limit (ulimit -n, LimitNOFILE of systemd)",
+        {{"connections", most}});
+  }
   ServiceManager manager = ServiceManager::FromEnvironment();
   TerminationSignals signals;
   if (const absl::Status status = Run(options, signals, manager); !status.ok()) {

@@ -149,7 +149,7 @@ grpc::ServerUnaryReactor* DatasetService::GetDataset(grpc::CallbackServerContext
 // its answer is kept for that. Its cancellation comes at about the deadline, too.
 bool IsGivenUp(const grpc::CallbackServerContext& rpc) {
   constexpr std::chrono::seconds kAbout{1};
-  return rpc.IsCancelled() && std::chrono::system_clock::now() + kAbout < rpc.deadline();
+  return rpc.IsCancelled() && std::chrono::system_clock::now() + kAbout < DeadlineOf(rpc);
 }
 
 grpc::ServerUnaryReactor* DatasetService::DescribeDataset(grpc::CallbackServerContext* rpc,

@@ -3,6 +3,7 @@
 #include <google/protobuf/stubs/logging.h>
 #include <grpc/support/log.h>
 
+#include <atomic>
 #include <string>
 #include <string_view>
 
@@ -25,7 +26,11 @@ void LogLine(LogLevel level, std::string_view library, std::string_view text,
                   {{"library", library}, {"text", text}, {"source", source}});
 }
 
+std::atomic<bool> lost_listener = false;
+
 void LogOfGrpc(gpr_log_func_args* arguments) {
+  // Nothing else tells; the words are those of its tcp_server_posix.cc.
+  if (std::string_view(arguments->message).starts_with("Failed accept4")) lost_listener = true;
   const LogLevel level = arguments->severity == GPR_LOG_SEVERITY_ERROR  ? LogLevel::kError
                          : arguments->severity == GPR_LOG_SEVERITY_INFO ? LogLevel::kInfo
                                                                         : LogLevel::kDebug;
@@ -46,5 +51,7 @@ void LogLibraryLines() {
   gpr_set_log_function(LogOfGrpc);
   google::protobuf::SetLogHandler(LogOfProtobuf);
 }
+
+bool LostListener() { return lost_listener; }
 
 }  // namespace maneuver::rpc

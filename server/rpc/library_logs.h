@@ -10,6 +10,10 @@ namespace maneuver::rpc {
 // is started.
 void LogLibraryLines();
 
+// Returns whether gRPC has given up a port that it listened on. It does so, and says no more than a
+// line of the log, after any failure of accept4(): too many open files, or no memory for another.
+bool LostListener();
+
 }  // namespace maneuver::rpc
 
 #endif  // MANEUVER_SERVER_RPC_LIBRARY_LOGS_H_

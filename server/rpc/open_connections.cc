@@ -3,6 +3,7 @@
 #include <arpa/inet.h>
 #include <linux/tcp.h>
 #include <netinet/in.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 
 #include <algorithm>
@@ -120,10 +121,18 @@ ReceivedBytes::Totals ReceivedBytes::Read() const {
   return totals;
 }
 
+int AffordableConnections(int wanted) {
+  rlimit files{};
+  if (getrlimit(RLIMIT_NOFILE, &files) != 0) return wanted;
+  return static_cast<int>(std::min<rlim_t>(static_cast<rlim_t>(wanted), files.rlim_cur / 2));
+}
+
 int ConnectionLimit::Enforce() {
   std::error_code error;
-  const std::filesystem::directory_iterator files("/proc/self/fd", error);
-  if (error || std::distance(begin(files), end(files)) <= most_) return 0;
+  int files = 0;
+  std::filesystem::directory_iterator file("/proc/self/fd", error);
+  for (; !error && file != std::filesystem::directory_iterator(); file.increment(error)) ++files;
+  if (error || files <= most_) return 0;
   std::vector<std::pair<int, std::string>> open;  // descriptor and peer
   ForEachConnection(port_, [&open](int descriptor) {
     if (InfoOf(descriptor).tcpi_state == kEstablished) {

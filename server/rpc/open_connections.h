@@ -65,6 +65,10 @@ class ReceivedBytes {
   std::chrono::steady_clock::time_point noted_{};
 };
 
+// Returns how many connections may be open: `wanted`, but at most half of the files that this process
+// may have open. When they run out, gRPC does not listen again (LostListener, library_logs.h).
+int AffordableConnections(int wanted);
+
 // Keeps a port from having too many connections. gRPC accepts every connection and knows no limit,
 // so those that are too many are shut down. Not thread-safe.
 class ConnectionLimit {

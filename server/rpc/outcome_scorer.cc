@@ -28,9 +28,10 @@ absl::Status TooManyWait() {
 }
 
 std::shared_ptr<void> OutcomeScorer::Reserve(int64_t bytes) {
-  const bool fits = (bytes_ += bytes) <= kMostWaitingBytes;
-  // A pointer that is not null, to nothing: its end frees the memory.
-  std::shared_ptr<void> share(this, [this, bytes](void*) { bytes_ -= bytes; });
+  const bool fits = (*bytes_ += bytes) <= kMostWaitingBytes;
+  // A pointer that is not null, to nothing: its end, which may come after this object's, frees the
+  // memory.
+  std::shared_ptr<void> share(this, [reserved = bytes_, bytes](void*) { *reserved -= bytes; });
   return fits ? share : nullptr;
 }
 

@@ -40,7 +40,7 @@ class OutcomeScorer {
                      const v1::ReportOutcomesRequest& report, v1::ReportOutcomesResponse* response);
 
   // Returns whether a report waits or is being scored.
-  bool HasReports() const { return bytes_ > 0; }
+  bool HasReports() const { return *bytes_ > 0; }
 
   security::AccessControl& access() { return context_.access; }
   WorkerPool& pool() { return pool_; }
@@ -52,7 +52,8 @@ class OutcomeScorer {
   WorkerPool& pool_;
   const OutcomeStorage storage_;
   RecentReports recent_{size_t{16} << 20};
-  std::atomic<int64_t> bytes_ = 0;  // reserved
+  const std::shared_ptr<std::atomic<int64_t>> bytes_ =  // reserved
+      std::make_shared<std::atomic<int64_t>>(0);
 };
 
 // RESOURCE_EXHAUSTED, reason TOO_MANY_REQUESTS, with a delay.

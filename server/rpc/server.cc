@@ -15,6 +15,7 @@
 #include "server/monitoring/listening.h"
 #include "server/rpc/call_observer.h"
 #include "server/rpc/health.h"
+#include "server/rpc/library_logs.h"
 #include "server/rpc/message_gate.h"
 #include "server/rpc/open_calls.h"
 #include "server/rpc/open_connections.h"
@@ -154,7 +155,7 @@ void Server::KeepLimits(const ConnectionLimits& limits, monitoring::MetricRegist
       metrics.AddCounter("maneuver_crowded_connections_total",
                          "Connections closed because their peers ignored --max-streams.");
   limiter_ = std::thread([this, limits, &refused, &crowded, gates = std::move(gates)]() {
-    ConnectionLimit connections(address_.port, limits.max_connections);
+    ConnectionLimit connections(address_.port, AffordableConnections(limits.max_connections));
     while (!stop_.StoppedWithin(std::chrono::milliseconds(250))) {
       refused.Increment(connections.Enforce());
       crowded.Increment(
@@ -200,7 +201,8 @@ std::optional<bool> Server::IsServing(std::string_view service) const {
 }
 
 bool Server::IsAlive() const {
-  return std::chrono::steady_clock::now() - heartbeat_.last_beat() < kLongestSilence;
+  return std::chrono::steady_clock::now() - heartbeat_.last_beat() < kLongestSilence &&
+         !LostListener();
 }
 
 void Server::Shutdown(std::chrono::system_clock::time_point deadline) {

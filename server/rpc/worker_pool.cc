@@ -1,5 +1,6 @@
 #include "server/rpc/worker_pool.h"
 
+#include <optional>
 #include <utility>
 
 namespace maneuver::rpc {
@@ -43,12 +44,14 @@ void WorkerPool::Run() {
   for (;;) {
     while (!ends_ && waiting_.empty()) changed_.Wait(mutex_);
     if (waiting_.empty()) return;
-    const Work work = std::move(waiting_.front());
+    std::optional<Work> work = std::move(waiting_.front());
+    const int64_t bytes = work->bytes;
     waiting_.pop_front();
     lock.Unlock();
-    work.run();
+    work->run();
+    work.reset();  // frees what it holds while nobody waits for the lock
     lock.Lock();
-    bytes_ -= work.bytes;
+    bytes_ -= bytes;
   }
 }
 

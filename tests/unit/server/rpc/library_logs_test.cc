@@ -6,6 +6,7 @@
 #include <google/protobuf/util/json_util.h>
 #include <grpc/support/log.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <string>
 
@@ -42,6 +43,19 @@ TEST(LibraryLogsTest, LinesOfGrpcAndProtobufAreJsonLikeTheServersOwn) {
   EXPECT_EQ(line.fields().at("library").string_value(), "protobuf");
   EXPECT_EQ(line.fields().at("text").string_value(), "not UTF-8");
   monitoring::ConfigureLogging(monitoring::LogFormat::kText, monitoring::LogLevel::kInfo);
+}
+
+// In a process of its own, which remembers it for ever.
+TEST(LibraryLogsDeathTest, TellsThatGrpcHasGivenUpItsPort) {
+  LogLibraryLines();
+  gpr_log_verbosity_init();
+  EXPECT_FALSE(LostListener());
+  EXPECT_EXIT(
+      {
+        gpr_log(GPR_ERROR, "Failed accept4: %s", "Too many open files");
+        _exit(LostListener() ? 0 : 1);
+      },
+      ::testing::ExitedWithCode(0), "accept4");
 }
 
 }  // namespace

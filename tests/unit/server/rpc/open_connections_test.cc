@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <netinet/in.h>
 #include <poll.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -136,6 +137,16 @@ TEST_F(OpenConnectionsTest, ShutsTheNewestConnectionsDownIfThereAreTooMany) {
   EXPECT_LT(std::min(first.accepted, last.accepted), second.accepted) << lower << " is free";
   EXPECT_EQ(limit.Enforce(), 1);
   EXPECT_FALSE(second.IsCutOff());
+}
+
+TEST_F(OpenConnectionsTest, NoMoreConnectionsAreAffordableThanHalfOfTheFiles) {
+  rlimit before{};
+  ASSERT_EQ(getrlimit(RLIMIT_NOFILE, &before), 0);
+  const rlimit few = {300, before.rlim_max};
+  ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &few), 0);
+  EXPECT_EQ(AffordableConnections(4096), 150);
+  EXPECT_EQ(AffordableConnections(100), 100);
+  ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &before), 0);
 }
 
 TEST_F(OpenConnectionsTest, TellsWhatTheConnectionOfACallerReceived) {
