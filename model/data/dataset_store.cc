@@ -327,10 +327,10 @@ absl::Status DatasetStore::CheckRoom(uint64_t wanted, uint64_t arrived, uint64_t
   const uint64_t taken = kReservedBytes + missing;
   const uint64_t needed = wanted - std::min(arrived, wanted);
   if (!error && (space.available < taken || needed > space.available - taken)) {
-    return absl::ResourceExhaustedError(
-        absl::StrCat("the dataset needs ", needed, " bytes and the server has ",
-                     space.available < taken ? 0 : space.available - taken,
-                     " left; delete datasets or models that are no longer needed"));
+    return absl::ResourceExhaustedError(absl::StrCat(
+        "the dataset needs ", needed, " bytes and the server has ",
+        space.available < taken ? 0 : space.available - taken, " left (", kReservedBytes >> 20,
+        " MiB stay free); delete datasets or models that are no longer needed"));
   }
   return absl::OkStatus();
 }

@@ -4,6 +4,8 @@
 #include <system_error>
 #include <vector>
 
+#include "model/files/errno_status.h"
+
 namespace maneuver::files {
 
 namespace fs = std::filesystem;
@@ -14,7 +16,7 @@ void RemoveAbandonedTemporaries(const fs::path& parent, fs::file_time_type now) 
   fs::directory_iterator entry(parent, error);
   for (; !error && entry != fs::directory_iterator(); entry.increment(error)) {
     const std::string name = entry->path().filename().string();
-    if (name.front() != '.' || name.find(".tmp-", 1) == std::string::npos) continue;
+    if (name.front() != '.' || name.find(kTemporaryMark, 1) == std::string::npos) continue;
     std::error_code gone;  // its writer has finished
     const auto changed = fs::last_write_time(entry->path(), gone);
     if (!gone && now - changed >= kAbandonedAfter) abandoned.push_back(entry->path());

@@ -21,8 +21,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char kTemporaryMark[] = ".tmp-";
-
 fs::path FolderOf(const fs::path& file) {
   const fs::path normal = file.lexically_normal();
   const fs::path parent = (normal.has_filename() ? normal : normal.parent_path()).parent_path();

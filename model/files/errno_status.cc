@@ -68,12 +68,18 @@ Reading ReadErrno(int error) {
   }
 }
 
+// Returns the name that a temporary file or folder will have; other names unchanged.
+std::string FinalName(const std::string& name) {
+  const size_t mark = name.find(kTemporaryMark, 1);
+  return name.starts_with(".") && mark != std::string::npos ? name.substr(1, mark - 1) : name;
+}
+
 }  // namespace
 
 absl::Status ErrnoStatus(int error, const char* action, const std::filesystem::path& file) {
   const Reading reading = ReadErrno(error);
-  absl::Status status(reading.code,
-                      absl::StrCat("cannot ", action, " ", NameOf(file), ": ", reading.reason));
+  absl::Status status(reading.code, absl::StrCat("cannot ", action, " ", FinalName(NameOf(file)),
+                                                 ": ", reading.reason));
   if (reading.is_of_file_system) status.SetPayload(kFileSystemFailure, absl::Cord());
   return status;
 }

@@ -10,6 +10,9 @@
 
 namespace maneuver::files {
 
+// Within the names of temporary files and folders: ".NAME.tmp-NUMBER". Errors call them NAME.
+inline constexpr char kTemporaryMark[] = ".tmp-";
+
 // Returns "cannot <action> <name>: <reason>". The name is the last part of the path only: messages
 // leave the machine and must not show its folders. Codes:
 //   RESOURCE_EXHAUSTED: the disk or the quota is full, the file too large, too many files open.

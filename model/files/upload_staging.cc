@@ -164,6 +164,7 @@ absl::Status UploadStaging::Announce(Slot& slot, const Bytes& bytes,
                                      const std::function<absl::Status(const Others&)>& refuse) {
   if (is_shared_) {
     // May take seconds, in which other uploads of this server go on.
+    const MutexLock turn_of_announcing(announcing_);
     const auto others = FolderLock::Take(folder_.parent_path() / ".uploads.lock");
     if (!others.ok()) return others.status();
     const MutexLock lock(mutex_);
@@ -171,8 +172,11 @@ absl::Status UploadStaging::Announce(Slot& slot, const Bytes& bytes,
     std::error_code error;
     fs::create_directories(slot.folder, error);
     if (error) return ErrnoStatus(error.value(), "create", slot.folder);
-    const std::string& turn = turns_[slot.name] = NewTurn();
-    return WriteFileAtomically(slot.folder / kAnnounced, absl::StrCat(turn, " ", bytes.announced));
+    const std::string turn = NewTurn();
+    absl::Status status =
+        WriteFileAtomically(slot.folder / kAnnounced, absl::StrCat(turn, " ", bytes.announced));
+    if (status.ok()) turns_[slot.name] = turn;
+    return status;
   }
   const MutexLock lock(mutex_);
   const auto known = announced_.find(slot.name);
@@ -255,12 +259,13 @@ absl::Status UploadStaging::RemoveIf(
   for (; !error && slot != fs::directory_iterator(); slot.increment(error)) {
     const std::string name = slot->path().filename().string();
     if (IsHeld(name)) continue;
-    fs::file_time_type last = fs::last_write_time(slot->path(), error);
-    for (fs::directory_iterator file(slot->path(), error);
-         !error && file != fs::directory_iterator(); file.increment(error)) {
-      last = std::max(last, file->last_write_time(error));
+    std::error_code gone;  // by another server, or it is no folder
+    fs::file_time_type last = fs::last_write_time(slot->path(), gone);
+    for (fs::directory_iterator file(slot->path(), gone); !gone && file != fs::directory_iterator();
+         file.increment(gone)) {
+      last = std::max(last, file->last_write_time(gone));
     }
-    if (error) break;
+    if (gone) continue;
     if (is_over(name.substr(0, name.find('.')), last)) over.push_back(slot->path());
   }
   if (error) return ErrnoStatus(error.value(), "read", folder_);

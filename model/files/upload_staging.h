@@ -113,6 +113,8 @@ class UploadStaging {
 
   const std::filesystem::path folder_;
   const bool is_shared_;
+  // Held while the lock of a shared folder is waited for, so that this server's uploads take turns.
+  Mutex announcing_ ABSL_ACQUIRED_BEFORE(mutex_);
   Mutex mutex_;
   // Bytes that each slot has announced, by the slot's name, and their sum.
   std::map<std::string, Bytes> announced_ ABSL_GUARDED_BY(mutex_);

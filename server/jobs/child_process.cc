@@ -233,16 +233,19 @@ int64_t OwnMemory(pid_t pid) {
   return bytes;
 }
 
-// Whether the process has ended; it stays a zombie, so that its group's id stays its own.
+// Whether the process has ended; it stays a zombie, so that its group's id stays its own. If somebody
+// else has reaped it, it has ended, too.
 bool HasExited(pid_t pid) {
   siginfo_t about{};
-  return waitid(P_PID, static_cast<id_t>(pid), &about, WEXITED | WNOHANG | WNOWAIT) == 0 &&
-         about.si_pid == pid;
+  if (waitid(P_PID, static_cast<id_t>(pid), &about, WEXITED | WNOHANG | WNOWAIT) != 0) {
+    return errno == ECHILD;
+  }
+  return about.si_pid == pid;
 }
 
 ChildResult Reap(pid_t pid) {
   kill(-pid, SIGKILL);
-  int status = 0;
+  int status = SIGKILL;  // if nobody knows how it ended
   while (waitpid(pid, &status, 0) < 0 && errno == EINTR) {
   }
   ChildResult result;

@@ -47,6 +47,7 @@ std::error_code LinkAttempt(const fs::path& from, const fs::path& to) {
     const std::string name = entry->path().filename().string();
     if (!name.starts_with('.')) error = Link(entry->path(), CheckpointFolder(to) / name);
   }
+  if (!error && none && none != std::errc::no_such_file_or_directory) error = none;
   return error;
 }
 

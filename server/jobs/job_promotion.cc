@@ -144,7 +144,9 @@ PromotionVersions::MeasuredVersion JobPromotion::Measure(const std::string& vers
   Measured measured = jobs::Measure(job_, {version, criteria_.dataset(), 0}, folder_, attempt_);
   last_died_ = measured.outcome.died;
   if (measured.report) measured_[version] = *measured.report;
-  return {std::move(measured.outcome.status), measured.outcome.died || attempt_.IsStopped(),
+  const bool interrupted =
+      measured.outcome.died || attempt_.IsStopped() || errors::IsStoreAway(measured.outcome.status);
+  return {std::move(measured.outcome.status), interrupted,
           std::move(measured.report).value_or(v1::EvaluationReport())};
 }
 

@@ -63,8 +63,7 @@ void ProgressRecorder::Record(const std::string& line) {
     *progress.mutable_time_left() = ToProto(std::max(absl::ZeroDuration(), *ends_at_ - now_()));
   }
   if (!progress.has_time()) *progress.mutable_time() = ToTimestamp(now_());
-  if (progress.has_epoch_report() || progress.phase() != last_phase_ ||
-      now_() - last_time_ >= kShortest) {
+  if (progress.has_epoch_report() || progress.phase() != last_phase_ || IsDue()) {
     waiting_.reset();
     Store(std::move(progress));
   } else {
@@ -73,7 +72,12 @@ void ProgressRecorder::Record(const std::string& line) {
 }
 
 void ProgressRecorder::Tick() {
-  if (waiting_ && now_() - last_time_ >= kShortest) Flush();
+  if (waiting_ && IsDue()) Flush();
+}
+
+bool ProgressRecorder::IsDue() const {
+  const absl::Duration passed = now_() - last_time_;
+  return passed >= kShortest || passed < absl::ZeroDuration();  // the clock was set back
 }
 
 void ProgressRecorder::Flush() {

@@ -44,6 +44,8 @@ class ProgressRecorder {
 
  private:
   void Store(v1::JobProgress progress);
+  // Returns whether progress may be stored again.
+  bool IsDue() const;
 
   JobStore& store_;
   JobNews& news_;

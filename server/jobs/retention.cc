@@ -1,5 +1,6 @@
 #include "server/jobs/retention.h"
 
+#include <iterator>
 #include <map>
 #include <optional>
 #include <utility>
@@ -23,9 +24,13 @@ std::vector<security::ModelVersionName> VersionsToDelete(
     const std::set<std::string>& needed) {
   std::vector<security::ModelVersionName> given_up;
   if (policy.versions <= 0) return given_up;
-  std::map<std::string, int> seen;
+  // By their numbers: the time of a version is that of a file, by a clock that may have been set.
+  std::map<std::string, std::set<int>> numbers;
+  for (const auto& version : versions) numbers[version.name.model].insert(version.name.version);
   for (const auto& [name, has_alias, maker] : versions) {
-    if (++seen[name.model] <= policy.versions || has_alias) continue;
+    const std::set<int>& of_model = numbers[name.model];
+    const auto newer = std::distance(of_model.upper_bound(name.version), of_model.end());
+    if (newer < policy.versions || has_alias) continue;
     if (needed.contains(name.ToString()) || needed.contains(maker)) continue;
     given_up.push_back(name);
   }

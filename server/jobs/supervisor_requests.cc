@@ -378,6 +378,7 @@ absl::StatusOr<v1::Job> Supervisor::Resume(const std::string& name) {
           "JOB_NOT_RESUMABLE");
     }
     if (absl::Status status = CheckDatasets(*job); !status.ok()) {
+      if (errors::ReasonOf(status) != "DATASET_NOT_FOUND") return status;
       return errors::WithReason(absl::FailedPreconditionError(status.message()),
                                 "DATASET_NOT_FOUND");
     }

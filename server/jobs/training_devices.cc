@@ -17,6 +17,10 @@ namespace {
 // Of the drivers for NVIDIA and AMD, and of Windows' Linux.
 constexpr std::array kGraphics = {"/dev/nvidiactl", "/dev/kfd", "/dev/dxg"};
 
+constexpr std::chrono::minutes kBetweenQuestions{5};
+// Less than other servers wait for a sign of life.
+constexpr std::chrono::seconds kPatience{10};
+
 }  // namespace
 
 absl::Status TrainingDevices::Check(const std::string& device) {
@@ -37,8 +41,12 @@ std::set<std::string> TrainingDevices::Usable() {
       kGraphics, [&](const char* device) { return std::filesystem::exists(device, ignored); });
   if (!has_graphics) return cpu;
   const MutexLock lock(mutex_);
-  if (!usable_) usable_ = Ask().value_or(cpu);
-  return *usable_;
+  // A driver that is slow after a boot is asked again, now and then.
+  if (const auto now = std::chrono::steady_clock::now(); !usable_ && now >= ask_at_) {
+    usable_ = Ask();
+    ask_at_ = now + kBetweenQuestions;
+  }
+  return usable_.value_or(cpu);
 }
 
 std::optional<std::set<std::string>> TrainingDevices::Ask() const {
@@ -47,7 +55,7 @@ std::optional<std::set<std::string>> TrainingDevices::Ask() const {
   const auto result = RunChild(
       {.arguments = {trainer_, "devices"},
        .log = "/dev/null",
-       .time_limit = std::chrono::seconds(20),
+       .time_limit = kPatience,
        .yields = false},
       never, [&devices](const std::string& line) { devices.insert(line); }, [] {});
   const bool answered =

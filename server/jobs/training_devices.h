@@ -3,6 +3,7 @@
 #ifndef MANEUVER_SERVER_JOBS_TRAINING_DEVICES_H_
 #define MANEUVER_SERVER_JOBS_TRAINING_DEVICES_H_
 
+#include <chrono>
 #include <optional>
 #include <set>
 #include <string>
@@ -14,7 +15,8 @@
 
 namespace maneuver::jobs {
 
-// Asks the trainer once, when a device other than "cpu" is first wanted: it alone links LibTorch.
+// Asks the trainer, when a device other than "cpu" is first wanted, until it answers: it alone links
+// LibTorch.
 // Thread-safe.
 class TrainingDevices {
  public:
@@ -36,6 +38,7 @@ class TrainingDevices {
   const std::string trainer_;
   Mutex mutex_;
   std::optional<std::set<std::string>> usable_ ABSL_GUARDED_BY(mutex_);
+  std::chrono::steady_clock::time_point ask_at_ ABSL_GUARDED_BY(mutex_){};  // if it did not answer
 };
 
 }  // namespace maneuver::jobs

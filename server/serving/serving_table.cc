@@ -30,10 +30,6 @@ absl::Status Unusable(const ModelVersionName& name, const absl::Status& why) {
                             "MODEL_DAMAGED", {{"model_version", name.ToString()}});
 }
 
-// A damaged version is not read all the time, and a folder that has only just come to a network file
-// system is found soon.
-constexpr std::chrono::seconds kRetryLoad{10};
-
 double SecondsSince(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
@@ -96,7 +92,10 @@ void ServingTable::LoadAliased() {
   std::set<ModelVersionName> wanted;
   {
     const MutexLock lock(mutex_);
-    for (const auto& [name, version] : aliases_) wanted.insert({name.model, version});
+    for (const auto& [name, version] : aliases_) {
+      const ModelVersionName aliased{name.model, version};
+      if (LateLoadErrorLocked(aliased).ok()) wanted.insert(aliased);
+    }
   }
   for (const ModelVersionName& name : wanted) {
     const MutexLock change(change_mutex_);
@@ -150,16 +149,10 @@ bool ServingTable::FollowAlias(const ModelAliasName& name, int version) {
       aliases_[name] = version;
       return true;
     }
+    if (!LateLoadErrorLocked(wanted).ok()) return false;
   }
-  const auto now = std::chrono::steady_clock::now();
-  const auto retry = retry_at_.find(wanted);
-  if (retry != retry_at_.end() && now < retry->second) return false;
   const auto handle = LoadVersion(wanted);
-  if (!handle.ok()) {
-    retry_at_[wanted] = now + kRetryLoad;
-    return false;
-  }
-  retry_at_.erase(wanted);
+  if (!handle.ok()) return false;
   Swap(name, *handle);
   return true;
 }
@@ -256,10 +249,15 @@ absl::StatusOr<ModelHandle> ServingTable::Find(
     found->second.last_used = ++uses_;
     return found->second.handle;
   }
-  if (const auto failed = load_errors_.find(*name); failed != load_errors_.end()) {
-    return failed->second;
-  }
+  if (absl::Status failed = LateLoadErrorLocked(*name); !failed.ok()) return failed;
   return ModelHandle();
+}
+
+absl::Status ServingTable::LateLoadErrorLocked(const ModelVersionName& name) const {
+  const auto failed = load_errors_.find(name);
+  if (failed == load_errors_.end()) return absl::OkStatus();
+  const bool waits = std::chrono::steady_clock::now() < failed->second.retry_at;
+  return waits ? failed->second.status : absl::OkStatus();
 }
 
 absl::StatusOr<ModelHandle> ServingTable::Load(
@@ -287,6 +285,19 @@ absl::StatusOr<ModelVersionName> ServingTable::Resolve(
   return ResolveLocked(reference);
 }
 
+absl::Status ServingTable::Refused(const ModelVersionName& name, const absl::Status& why) {
+  absl::Status refused = Unusable(name, why);
+  metrics_.CountFailedLoad();
+  {
+    const MutexLock lock(mutex_);
+    const auto before = load_errors_.find(name);
+    if (before != load_errors_.end() && before->second.status == refused) return refused;
+  }
+  Log(LogLevel::kError, "model refused",
+      {{"model_version", name.ToString()}, {"reason", std::string(why.message())}});
+  return refused;
+}
+
 absl::StatusOr<ModelHandle> ServingTable::LoadFolder(const ModelVersionName& name,
                                                      const std::filesystem::path& folder) {
   const auto start = std::chrono::steady_clock::now();
@@ -298,10 +309,7 @@ absl::StatusOr<ModelHandle> ServingTable::LoadFolder(const ModelVersionName& nam
     status = handle->WarmUp();
   }
   if (!status.ok()) {
-    metrics_.CountFailedLoad();
-    Log(LogLevel::kError, "model refused",
-        {{"model_version", name.ToString()}, {"reason", std::string(status.message())}});
-    return Unusable(name, status);
+    return Refused(name, status);
   }
   const double seconds = SecondsSince(start);
   metrics_.CountLoad(seconds);
@@ -334,11 +342,32 @@ absl::StatusOr<ModelHandle> ServingTable::LoadVersion(const ModelVersionName& na
   std::vector<ModelHandle> dropped;  // freed after the lock
   const MutexLock lock(mutex_);
   if (!handle.ok()) {
-    load_errors_[name] = handle.status();
+    LoadError& failed = load_errors_[name];
+    constexpr std::chrono::minutes kLongest{10};
+    failed.wait = failed.status.ok() ? options_.retry_load
+                                     : std::min<LoadError::Duration>(2 * failed.wait, kLongest);
+    failed.status = handle.status();
+    failed.retry_at = std::chrono::steady_clock::now() + failed.wait;
   } else {
     MakeResidentLocked(*handle, dropped);
   }
   return handle;
+}
+
+absl::StatusOr<ModelHandle> ServingTable::LoadChecked(const ModelVersionName& name) {
+  bool is_resident = false;
+  {
+    const MutexLock lock(mutex_);
+    is_resident = resident_.contains(name);
+  }
+  if (is_resident) {
+    // It would answer until the server starts again, and not afterwards.
+    if (absl::Status status = versions_.Refresh(); !status.ok()) return status;
+    if (absl::Status status = versions_.CheckExists(name); !status.ok()) return status;
+    const auto on_disk = loader_(versions_.FolderOf(name));
+    if (!on_disk.ok()) return Refused(name, on_disk.status());
+  }
+  return LoadVersion(name);
 }
 
 void ServingTable::MakeResidentLocked(const ModelHandle& handle,
@@ -402,7 +431,7 @@ void ServingTable::Swap(const ModelAliasName& name, const ModelHandle& handle) {
 
 absl::Status ServingTable::SetAlias(const ModelAliasName& name, int version) {
   const MutexLock change(change_mutex_);
-  const auto handle = LoadVersion({name.model, version});
+  const auto handle = LoadChecked({name.model, version});
   if (!handle.ok()) return handle.status();
   return PointAlias(name, *handle, {}).status();
 }
@@ -435,7 +464,7 @@ absl::StatusOr<bool> ServingTable::PromoteOver(const ModelVersionName& name,
                                                const Maker& maker) {
   const MutexLock change(change_mutex_);
   if (Serving(name.model) != before) return false;
-  const auto handle = LoadVersion(name);
+  const auto handle = LoadChecked(name);
   if (!handle.ok()) return handle.status();
   return PointAlias({name.model, std::string(kServingAlias)}, *handle,
                     {before ? before->version : 0, maker});

@@ -48,6 +48,9 @@ struct ServingTableOptions {
   // Whether versions stay in memory at all. Otherwise each is loaded when it is to be checked, and
   // freed after that; aliases are kept and followed in the same way, and Ready stays false.
   bool serves = true;
+  // After which a version that could not be loaded is tried again; twice as long each time, up to ten
+  // minutes. A damaged one is not read all the time, and a folder that has only just come to a network file system is found soon.
+  std::chrono::steady_clock::duration retry_load = std::chrono::seconds(10);
 };
 
 // Safe to use from any thread. Functions marked "may take long" read weights from disk; do not call
@@ -141,7 +144,13 @@ class ServingTable {
     uint64_t last_used = 0;  // of uses_
     int64_t revision = -1;   // of its labels, as VersionStore::Revision; -1: not followed yet
   };
-  using Time = std::chrono::steady_clock::time_point;
+  // Why a version could not be loaded, and when to try again: what was away may be back.
+  struct LoadError {
+    using Duration = std::chrono::steady_clock::duration;
+    absl::Status status;
+    std::chrono::steady_clock::time_point retry_at;
+    Duration wait{};  // before that; longer each time
+  };
 
   ServingTable(VersionStore& versions, AliasStore& aliases, ModelLoader loader,
                const ServingTableOptions& options, monitoring::MetricRegistry& metrics);
@@ -167,7 +176,16 @@ class ServingTable {
   bool FollowAlias(const security::ModelAliasName& name, int version)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
   void FollowLabels() ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
+  // Returns why a version could not be loaded lately; OK if it was, or is to be tried.
+  absl::Status LateLoadErrorLocked(const security::ModelVersionName& name) const
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   absl::StatusOr<ModelHandle> LoadVersion(const security::ModelVersionName& name)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
+  // Does the same, and checks what is on the disk also if the version is in memory.
+  absl::StatusOr<ModelHandle> LoadChecked(const security::ModelVersionName& name)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
+  // Counts a version that cannot be loaded, and logs it if that is news. Returns what callers get.
+  absl::Status Refused(const security::ModelVersionName& name, const absl::Status& why)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_);
   absl::StatusOr<ModelHandle> LoadFolder(const security::ModelVersionName& name,
                                          const std::filesystem::path& folder)
@@ -197,14 +215,12 @@ class ServingTable {
   Mutex change_mutex_ ABSL_ACQUIRED_BEFORE(mutex_);
   std::function<void(bool)> listener_ ABSL_GUARDED_BY(change_mutex_);
   ServingTableMetrics metrics_ ABSL_GUARDED_BY(change_mutex_);
-  // When to try again to load a version that an alias was moved to elsewhere.
-  std::map<security::ModelVersionName, Time> retry_at_ ABSL_GUARDED_BY(change_mutex_);
   absl::Status last_failure_ ABSL_GUARDED_BY(change_mutex_);  // of Follow
   // Held for look-ups alone, never while the disk is read.
   mutable Mutex mutex_;
   std::map<security::ModelAliasName, int> aliases_ ABSL_GUARDED_BY(mutex_);
   std::map<security::ModelVersionName, Resident> resident_ ABSL_GUARDED_BY(mutex_);
-  std::map<security::ModelVersionName, absl::Status> load_errors_ ABSL_GUARDED_BY(mutex_);
+  std::map<security::ModelVersionName, LoadError> load_errors_ ABSL_GUARDED_BY(mutex_);
   uint64_t uses_ ABSL_GUARDED_BY(mutex_) = 0;
 };
 

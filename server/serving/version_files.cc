@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "model/artifact/model_folder.h"
 #include "model/files/digest.h"
+#include "model/files/file_system_failure.h"
 #include "server/errors/error_details.h"
 #include "server/serving/file_sender.h"
 
@@ -27,6 +28,9 @@ class FolderReader final : public VersionReader {
   absl::Status OpenFolder(const security::ModelVersionName& version, const fs::path& folder) {
     header_.set_model_version(version.ToString());
     const auto manifest = artifact::ReadModelManifest(folder);
+    if (files::IsFileSystemFailure(manifest.status())) {
+      return errors::WithFolderReason(manifest.status(), "models");
+    }
     if (!manifest.ok()) return Damaged(manifest.status().message());
     for (const char* name : {kManifestFile, kWeightsFile}) {
       if (absl::Status status = Add(folder, name); !status.ok()) return status;

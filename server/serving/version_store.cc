@@ -52,6 +52,19 @@ bool IsFolder(const fs::path& path) {
   return fs::is_directory(path, error);
 }
 
+// A label that another action shows would make tables, and callers that ask by name, ambiguous.
+absl::Status CheckLabel(const v1::ModelManifest& manifest, int action_id,
+                        const std::string& label) {
+  if (label.empty()) return absl::OkStatus();
+  const std::vector<std::string> names = evaluation::DisplayNames(manifest);
+  for (size_t k = 0; k < names.size(); ++k) {
+    if (static_cast<int>(k) == action_id || names[k] != label) continue;
+    return errors::InvalidField(
+        "label", absl::StrCat("is the name of action ", k, "; names of a version differ"));
+  }
+  return absl::OkStatus();
+}
+
 // Sets the report's names by where it is stored: a version's folder may have come from another
 // server.
 v1::EvaluationReport Named(v1::EvaluationReport report, const EvaluationName& name) {
@@ -420,6 +433,9 @@ absl::StatusOr<v1::EvaluationReport> VersionStore::GetReport(const EvaluationNam
                                          name.evaluation, "; evaluate it first")),
         "EVALUATION_NOT_FOUND", {{"evaluation", name.ToString()}});
   }
+  if (files::IsFileSystemFailure(report.status())) {
+    return errors::WithFolderReason(report.status(), "models");
+  }
   if (!report.ok()) {
     return errors::WithReason(absl::FailedPreconditionError(absl::StrCat(
                                   name.ToString(), " is damaged; evaluate the version again")),
@@ -443,6 +459,7 @@ absl::StatusOr<v1::Action> VersionStore::LabelAction(const ModelVersionName& nam
       return absl::OutOfRangeError(
           absl::StrCat(name.ToString(), " has the actions 0 to ", manifest.actions_size() - 1));
     }
+    if (absl::Status unique = CheckLabel(manifest, action_id, label); !unique.ok()) return unique;
     action->set_label(label);
     evaluation::CompleteActionNames(manifest);
     labelled = *action;

@@ -142,10 +142,10 @@ absl::Status VersionUploads::CheckRoom(uint64_t wanted, uint64_t arrived, uint64
   const uint64_t taken = kSpareBytes + missing;
   const uint64_t needed = wanted - std::min(arrived, wanted);
   if (!error && (space.available < taken || needed > space.available - taken)) {
-    return absl::ResourceExhaustedError(
-        absl::StrCat("the version needs ", needed, " bytes and the server has ",
-                     space.available < taken ? 0 : space.available - taken,
-                     " left; delete datasets or models that are no longer needed"));
+    return absl::ResourceExhaustedError(absl::StrCat(
+        "the version needs ", needed, " bytes and the server has ",
+        space.available < taken ? 0 : space.available - taken, " left (", kSpareBytes >> 20,
+        " MiB stay free); delete datasets or models that are no longer needed"));
   }
   return absl::OkStatus();
 }

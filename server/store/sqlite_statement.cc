@@ -1,5 +1,7 @@
 #include "server/store/sqlite_statement.h"
 
+#include <cerrno>
+
 #include "absl/strings/str_cat.h"
 
 namespace maneuver::store {
@@ -7,6 +9,11 @@ namespace maneuver::store {
 absl::Status SqliteError(sqlite3* database, int result) {
   const std::string reason = absl::StrCat(
       "the job store: ", database != nullptr ? sqlite3_errmsg(database) : sqlite3_errstr(result));
+  // Where SQLite cannot make a file of shared memory longer, it reports an error of the disk.
+  if ((result & 0xff) == SQLITE_IOERR && database != nullptr &&
+      (sqlite3_system_errno(database) == ENOSPC || sqlite3_system_errno(database) == EDQUOT)) {
+    result = SQLITE_FULL;
+  }
   switch (result & 0xff) {
     case SQLITE_FULL:
       return absl::ResourceExhaustedError(absl::StrCat(reason, "; free some disk space"));

@@ -42,6 +42,15 @@ TEST_F(ChildProcessTest, ReportsLinesExitStatusAndErrors) {
   EXPECT_EQ(*files::ReadFile(folder_ / "log"), "why\n");
 }
 
+TEST_F(ChildProcessTest, EndsIfSomebodyElseReapsTheProcess) {
+  const auto before = signal(SIGCHLD, SIG_IGN);  // then the kernel does
+  const auto result = RunShell("echo a");
+  signal(SIGCHLD, before);
+  ASSERT_TRUE(result.ok()) << result.status();
+  EXPECT_EQ(result->signal, SIGKILL);  // nobody knows how it ended
+  EXPECT_THAT(lines_, ElementsAre("a"));
+}
+
 TEST_F(ChildProcessTest, ReadsLargeOutputWhole) {
   ASSERT_TRUE(RunShell("i=0; while [ $i -lt 20000 ]; do echo $i; i=$((i+1)); done").ok());
   ASSERT_EQ(lines_.size(), 20'000u);

@@ -53,6 +53,16 @@ TEST_F(JobFolderTest, AnAttemptGoesOnWhereTheLatestOneWas) {
   EXPECT_FALSE(fs::exists(first));
 }
 
+TEST_F(JobFolderTest, AnAttemptWhoseCheckpointsCannotBeListedStays) {
+  Write(job_ / kSettingsFile, "settings");
+  const fs::path first = Make(3);
+  fs::remove_all(first / "checkpoints");
+  Write(first / "checkpoints", "a file in place of the folder");
+  EXPECT_FALSE(MakeAttemptFolder(job_, 12).ok());
+  EXPECT_EQ(LatestAttemptFolder(job_), first);
+  EXPECT_TRUE(fs::exists(first / "checkpoints"));
+}
+
 TEST_F(JobFolderTest, AJobOfASingleServerGoesOnFromItsCheckpoints) {
   Write(job_ / kSettingsFile, "settings");
   Write(job_ / "checkpoints/checkpoint-2", "two");

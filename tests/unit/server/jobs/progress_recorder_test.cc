@@ -77,6 +77,17 @@ TEST_F(ProgressRecorderTest, StoresAWaitingEventWithinTheInterval) {
   EXPECT_EQ(Steps(), (std::vector<int64_t>{1, 2}));
 }
 
+TEST_F(ProgressRecorderTest, GoesOnWhenTheClockIsSetBack) {
+  Step(1);
+  now_ -= absl::Hours(1);
+  Step(2);
+  Step(3);
+  EXPECT_EQ(Steps(), (std::vector<int64_t>{1, 2}));
+  now_ += absl::Milliseconds(200);
+  recorder_->Tick();
+  EXPECT_EQ(Steps(), (std::vector<int64_t>{1, 2, 3}));
+}
+
 TEST_F(ProgressRecorderTest, NeverStoresAnEventAfterALaterOne) {
   Step(1);
   Step(2);

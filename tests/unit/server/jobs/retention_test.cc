@@ -37,6 +37,15 @@ TEST(VersionsToDeleteTest, KeepsTheNewestVersionsOfEachModel) {
   EXPECT_THAT(Deleted({.versions = 2}), ElementsAre("models/town/versions/1"));
 }
 
+// A version whose file cannot be looked at comes last, as if it were of 1970.
+TEST(VersionsToDeleteTest, TheNewestVersionIsTheOneWithTheLargestNumber) {
+  const auto deleted = VersionsToDelete(
+      {.versions = 1}, {{{"town", 1}, false}, {{"town", 2}, false}, {{"town", 3}, false}}, {});
+  ASSERT_EQ(deleted.size(), 2u);
+  EXPECT_EQ(deleted[0].version, 1);
+  EXPECT_EQ(deleted[1].version, 2);
+}
+
 TEST(VersionsToDeleteTest, KeepsVersionsWithAnAlias) {
   EXPECT_THAT(Deleted({.versions = 1}),
               ElementsAre("models/town/versions/3", "models/town/versions/1"));

@@ -43,7 +43,8 @@ class ServingTableTest : public ::testing::Test {
           }
           return std::make_shared<FakeActionModel>(networks_);
         },
-        {.max_unaliased_in_memory = 1, .serves = serves_}, *table_metrics_);
+        {.max_unaliased_in_memory = 1, .serves = serves_, .retry_load = retry_load_},
+        *table_metrics_);
     ASSERT_TRUE(opened.ok()) << opened.status();
     table_ = *std::move(opened);
     table_->LoadAliased();
@@ -86,6 +87,7 @@ class ServingTableTest : public ::testing::Test {
   MemoryAliasStore aliases_;
   FakeNetworks networks_;
   bool serves_ = true;  // from the next start on
+  std::chrono::nanoseconds retry_load_ = std::chrono::seconds(10);
   int loads_ = 0;
   int finished_ = 0;
   std::unique_ptr<VersionStore> store_;

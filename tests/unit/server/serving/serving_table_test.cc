@@ -271,6 +271,34 @@ TEST_F(ServingTableTest, RemovesLeftoversOfInterruptedWriters) {
   EXPECT_EQ(Publish("town")->version, 2);
 }
 
+TEST_F(ServingTableTest, AVersionThatCouldNotBeLoadedIsTriedAgain) {
+  ASSERT_TRUE(Publish("town").ok());
+  const fs::path weights = folder_ / "models/town/1/weights.safetensors";
+  fs::rename(weights, folder_ / "away");
+  retry_load_ = std::chrono::nanoseconds(0);
+  Restart();
+  EXPECT_FALSE(table_->Ready());
+  EXPECT_FALSE(table_->Load(Version("town", 1)).ok());
+  fs::rename(folder_ / "away", weights);
+  EXPECT_TRUE(table_->Load(Version("town", 1)).ok());
+  fs::rename(weights, folder_ / "away");
+  Restart();
+  fs::rename(folder_ / "away", weights);
+  table_->LoadAliased();
+  EXPECT_TRUE(table_->Ready());
+}
+
+TEST_F(ServingTableTest, AVersionThatWasDamagedOnTheDiskIsNotPromotedFromMemory) {
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(Publish("town").ok());
+  ASSERT_TRUE(table_->SetAlias({"town", "candidate"}, 2).ok());
+  std::ofstream(folder_ / "models/town/2/weights.safetensors") << "altered";
+  EXPECT_FALSE(table_->SetAlias({"town", "serving"}, 2).ok());
+  EXPECT_FALSE(table_->PromoteOver({"town", 2}, ModelVersionName{"town", 1}).ok());
+  EXPECT_EQ(table_->Serving("town"), (ModelVersionName{"town", 1}));
+  EXPECT_EQ(Answers(Alias("town", "candidate")), 2);  // what is in memory is whole
+}
+
 TEST_F(ServingTableTest, LoadsANumberedVersionOnceAndDropsItForTheNext) {
   ASSERT_TRUE(Publish("town").ok());
   ASSERT_TRUE(Publish("town").ok());

@@ -125,6 +125,14 @@ TEST_F(VersionStoreTest, ALabelStaysWithItsVersion) {
   EXPECT_GT(described->cost().backbone_multiply_adds(), 0);
   EXPECT_EQ(store_->List("town").at(0).create_time, before);
   EXPECT_TRUE(absl::IsOutOfRange(store_->LabelAction({"town", 1}, 3, "x").status()));
+
+  // No two actions have the same name.
+  const absl::Status twice = store_->LabelAction({"town", 1}, 0, "turn left").status();
+  EXPECT_EQ(twice.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(std::string(twice.message()), testing::HasSubstr("action 2"));
+  EXPECT_TRUE(store_->LabelAction({"town", 1}, 2, "turn left").ok());
+  ASSERT_TRUE(store_->LabelAction({"town", 1}, 2, "").ok());
+  EXPECT_TRUE(store_->LabelAction({"town", 1}, 0, "turn left").ok());
 }
 
 TEST_F(VersionStoreTest, NeverGivesTheNumberOfADeletedVersionAgain) {
