@@ -21,6 +21,7 @@
 #include "absl/strings/str_split.h"
 #include "model/machine/usable_cores.h"
 #include "server/jobs/trainer/number_checks.h"
+#include "server/jobs/trainer/unknown_words.h"
 #include "server/maneuverd/configuration.h"
 #include "server/store/store_address.h"
 
@@ -445,7 +446,8 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
     app.parse(std::vector<std::string>(line.rbegin(), line.rend()));  // as CLI11 wants it
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == static_cast<int>(CLI::ExitCodes::Success)) return app.exit(error);
-    return RefuseOptions(line, configuration->WithSource(error.what()),
+    const std::string unknown = UnknownWord(app);
+    return RefuseOptions(line, configuration->WithSource(unknown.empty() ? error.what() : unknown),
                          "\nRun maneuverd --help for more information.");
   }
 

@@ -15,6 +15,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
+#include "server/jobs/trainer/unknown_words.h"
 #include "server/security/identities.h"
 #include "server/security/secret_file.h"
 
@@ -226,6 +227,10 @@ int RunTokenCommand(int argc, const char* const* argv, absl::Time now) {
   which->add_option("--name", revoked.name, "All tokens of this name");
   which->add_option("--id", revoked.id, "The token with this id, as \"token list\" shows it");
   which->add_flag("--expired", revoked.expired, "All tokens that have expired");
+  app.failure_message([](const CLI::App* failed, const CLI::Error& error) {
+    const std::string unknown = UnknownWord(*failed);
+    return unknown.empty() ? CLI::FailureMessage::simple(failed, error) : unknown + "\n";
+  });
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -22,6 +22,7 @@
 #include "server/jobs/trainer/data_memory_option.h"
 #include "server/jobs/trainer/dataset_names.h"
 #include "server/jobs/trainer/fold_files.h"
+#include "server/jobs/trainer/named_folders.h"
 #include "server/jobs/trainer/number_checks.h"
 #include "server/jobs/trainer/progress_display.h"
 #include "server/jobs/trainer/settings_file.h"
@@ -302,6 +303,7 @@ absl::StatusOr<learning::CrossValidation> CrossValidateCommand::Prepare() const 
     return absl::InvalidArgumentError(
         absl::StrCat("settings: ", violations.front().field, " ", violations.front().description));
   }
+  if (absl::Status status = CheckDatasets(datasets_); !status.ok()) return status;
   run.datasets = datasets_;
   absl::StatusOr<std::vector<std::string>> names = DatasetNames(dataset_names_, datasets_);
   if (!names.ok()) return names.status();
@@ -338,6 +340,10 @@ absl::StatusOr<v1::CrossValidationPart> CrossValidateCommand::Measure() const {
     return absl::InvalidArgumentError(
         "with --progress json standard output is for programs; say with --output where the report "
         "shall go");
+  }
+  for (const std::filesystem::path& output : {output_, part_}) {
+    if (output.empty()) continue;
+    if (absl::Status status = PrepareOutput(output); !status.ok()) return status;
   }
   const absl::StatusOr<ModelsFolder> models = ModelsFolder::Make(models_);
   if (!models.ok()) return models.status();
@@ -395,7 +401,7 @@ absl::Status CrossValidateCommand::Report(std::vector<v1::CrossValidationPart> p
   const v1::CrossValidationReport report =
       evaluation::MakeCrossValidationReport(*whole, {.resamples = resamples_});
   if (ProgressDisplay::ParseStyle(progress_) != ProgressDisplay::Style::kJson || !merge_.empty()) {
-    std::cout << "\n" << evaluation::CrossValidationText(report, isatty(STDOUT_FILENO) != 0);
+    std::cout << "\n" << evaluation::CrossValidationText(report, PrintsBold());
   }
   return output_.empty() ? absl::OkStatus() : WriteJson(output_, report);
 }

@@ -6,6 +6,7 @@
 #include "model/evaluation/evaluator.h"
 #include "model/learning/measuring_time.h"
 #include "model/machine/usable_cores.h"
+#include "server/jobs/trainer/named_folders.h"
 #include "server/jobs/trainer/stop_signal.h"
 
 namespace maneuver::trainer {
@@ -21,7 +22,7 @@ absl::StatusOr<DatasetMeasurement> DatasetMeasurement::Open(const std::filesyste
                                                             const std::filesystem::path& dataset,
                                                             int64_t data_memory) {
   auto loaded = inference::ActionModel::Load(model, {});
-  if (!loaded.ok()) return loaded.status();
+  if (!loaded.ok()) return OfFolder(loaded.status(), model);
   auto baselines = inference::LoadAnchorBaselines(model, {});
   if (!baselines.ok() && !absl::IsNotFound(baselines.status())) return baselines.status();
   auto recordings = OpenRecordings(dataset, data_memory);

@@ -1,7 +1,5 @@
 #include "server/jobs/trainer/evaluate_command.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <chrono>
 #include <iostream>
@@ -17,6 +15,7 @@
 #include "model/learning/training_progress.h"
 #include "server/jobs/trainer/data_memory_option.h"
 #include "server/jobs/trainer/dataset_measurement.h"
+#include "server/jobs/trainer/named_folders.h"
 #include "server/jobs/trainer/settings_file.h"
 #include "server/jobs/trainer/stop_signal.h"
 
@@ -65,6 +64,9 @@ absl::Status EvaluateCommand::Evaluate() const {
       return status;
     }
   }
+  if (!output_.empty()) {
+    if (absl::Status status = PrepareOutput(output_); !status.ok()) return status;
+  }
   const absl::StatusOr<v1::EvaluationReport> report =
       Measure(artifact::ResolveTrainingSettings(settings).examples(), style);
   if (!report.ok()) return report.status();
@@ -72,8 +74,7 @@ absl::Status EvaluateCommand::Evaluate() const {
     const absl::StatusOr<v1::ModelManifest> manifest = artifact::ReadModelManifest(model_);
     if (!manifest.ok()) return manifest.status();
     std::cout << report->examples() << " examples\n\n"
-              << evaluation::ReportText(*report, isatty(STDOUT_FILENO) != 0,
-                                        evaluation::DisplayNames(*manifest));
+              << evaluation::ReportText(*report, PrintsBold(), evaluation::DisplayNames(*manifest));
   }
   return output_.empty() ? absl::OkStatus() : WriteJson(output_, *report);
 }

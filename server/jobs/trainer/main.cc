@@ -22,6 +22,7 @@
 #include "server/jobs/trainer/stop_signal.h"
 #include "server/jobs/trainer/tag_command.h"
 #include "server/jobs/trainer/train_command.h"
+#include "server/jobs/trainer/unknown_words.h"
 #include "server/jobs/trainer_protocol.h"
 
 namespace {
@@ -82,6 +83,13 @@ void KeepFreedMemory() {
   mallopt(M_TOP_PAD, 16 << 20);
 }
 
+// Returns the exit status; another one if what was printed did not get out.
+int Finish(int status) {
+  if (std::cout.flush() || status != 0) return status;
+  std::cerr << "maneuver-trainer: cannot write to standard output\n";
+  return static_cast<int>(maneuver::jobs::TrainerExit::kCannotWrite);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -107,10 +115,15 @@ int main(int argc, char** argv) {
   maneuver::trainer::TagCommand tag(app);
   const CLI::App* const devices =
       app.add_subcommand("devices", "Print the devices that a training can use here, one a line");
+  app.failure_message([](const CLI::App* failed, const CLI::Error& error) {
+    const std::string unknown = maneuver::UnknownWord(*failed);
+    return unknown.empty() ? CLI::FailureMessage::simple(failed, error)
+                           : unknown + "\nRun with --help for more information.\n";
+  });
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0
+    return app.exit(error) == 0 ? Finish(0)
                                 : static_cast<int>(maneuver::jobs::TrainerExit::kInvalidSettings);
   }
   using maneuver::kernels::KernelChoice;
@@ -120,13 +133,13 @@ int main(int argc, char** argv) {
     for (const std::string& device : maneuver::learning::UsableDevices()) {
       std::cout << device << "\n";
     }
-    return std::cout.flush() ? 0 : static_cast<int>(maneuver::jobs::TrainerExit::kCannotWrite);
+    return Finish(0);
   }
   maneuver::trainer::InstallStopSignals();
-  if (train.chosen()) return train.Run({argv, argv + argc});
-  if (match.chosen()) return match.Run();
-  if (cross_validate.chosen()) return cross_validate.Run();
-  if (recalibrate.chosen()) return recalibrate.Run();
-  if (tag.chosen()) return tag.Run();
-  return prune.chosen() ? prune.Run() : evaluate.Run();
+  if (train.chosen()) return Finish(train.Run({argv, argv + argc}));
+  if (match.chosen()) return Finish(match.Run());
+  if (cross_validate.chosen()) return Finish(cross_validate.Run());
+  if (recalibrate.chosen()) return Finish(recalibrate.Run());
+  if (tag.chosen()) return Finish(tag.Run());
+  return Finish(prune.chosen() ? prune.Run() : evaluate.Run());
 }

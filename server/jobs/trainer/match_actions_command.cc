@@ -11,6 +11,7 @@
 #include "model/inference/action_model.h"
 #include "model/machine/usable_cores.h"
 #include "server/jobs/trainer/data_memory_option.h"
+#include "server/jobs/trainer/named_folders.h"
 #include "server/jobs/trainer/recordings.h"
 #include "server/jobs/trainer/settings_file.h"
 #include "server/jobs/trainer/stop_signal.h"
@@ -39,10 +40,13 @@ MatchActionsCommand::MatchActionsCommand(CLI::App& app)
 int MatchActionsCommand::Run() const { return ExitStatus(Print()); }
 
 absl::Status MatchActionsCommand::Print() const {
+  if (!output_.empty()) {
+    if (absl::Status status = PrepareOutput(output_); !status.ok()) return status;
+  }
   const auto first = inference::ActionModel::Load(first_, {});
-  if (!first.ok()) return first.status();
+  if (!first.ok()) return OfFolder(first.status(), first_);
   const auto second = inference::ActionModel::Load(second_, {});
-  if (!second.ok()) return second.status();
+  if (!second.ok()) return OfFolder(second.status(), second_);
   const absl::StatusOr<v1::ActionMatching> matching = Match(**first, **second);
   if (!matching.ok()) return matching.status();
   std::cout << evaluation::ActionMatchingText(*matching,

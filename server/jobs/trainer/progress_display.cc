@@ -2,8 +2,10 @@
 
 #include <google/protobuf/util/json_util.h>
 #include <google/protobuf/util/time_util.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <cstdlib>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -64,6 +66,11 @@ std::string DescribeEpoch(const v1::JobProgress& progress) {
     absl::StrAppend(&line, absl::StrFormat("  I(y;s) %.2f", report.mutual_information()));
   }
   return line;
+}
+
+bool PrintsBold() {
+  const char* const no_color = std::getenv("NO_COLOR");
+  return isatty(STDOUT_FILENO) == 1 && (no_color == nullptr || *no_color == '\0');
 }
 
 void ProgressDisplay::ShowBar(const v1::JobProgress& progress) {

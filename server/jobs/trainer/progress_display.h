@@ -35,6 +35,9 @@ class ProgressDisplay {
   bool line_open_ = false;
 };
 
+// Returns whether standard output is a terminal that may show bold text: NO_COLOR is not set.
+bool PrintsBold();
+
 // Returns the result of an epoch in one line: "joint 3/10  loss 41.2  held out 43.9  ...".
 std::string DescribeEpoch(const v1::JobProgress& progress);
 

@@ -1,7 +1,5 @@
 #include "server/jobs/trainer/recalibrate_command.h"
 
-#include <unistd.h>
-
 #include <iostream>
 #include <optional>
 
@@ -12,6 +10,7 @@
 #include "model/learning/recalibration.h"
 #include "server/jobs/trainer/data_memory_option.h"
 #include "server/jobs/trainer/dataset_names.h"
+#include "server/jobs/trainer/named_folders.h"
 #include "server/jobs/trainer/progress_display.h"
 #include "server/jobs/trainer/settings_file.h"
 #include "server/jobs/trainer/stop_signal.h"
@@ -66,6 +65,8 @@ absl::Status RecalibrateCommand::Recalibrate() const {
   if (std::error_code ignored; std::filesystem::exists(output_, ignored)) {
     return absl::AlreadyExistsError(absl::StrCat(output_.filename().string(), " exists already"));
   }
+  if (absl::Status status = CheckDatasets(datasets_); !status.ok()) return status;
+  if (absl::Status status = PrepareOutput(output_); !status.ok()) return status;
   learning::RecalibrationRun run;
   run.model = model_;
   run.model_name = model_name_.empty() ? model_.filename().string() : model_name_;
@@ -91,7 +92,7 @@ absl::Status RecalibrateCommand::Recalibrate() const {
   *report.mutable_metrics() = manifest->metrics();
   *report.mutable_rivals() = manifest->rivals();
   std::cout << "On " << manifest->provenance().validation_examples() << " held-out examples:\n\n"
-            << evaluation::ReportText(report, isatty(STDOUT_FILENO) != 0);
+            << evaluation::ReportText(report, PrintsBold());
   return absl::OkStatus();
 }
 

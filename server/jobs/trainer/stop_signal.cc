@@ -62,6 +62,7 @@ void InstallStopSignals() {
   action.sa_flags = static_cast<int>(SA_RESETHAND);
   sigaction(SIGTERM, &action, nullptr);
   sigaction(SIGINT, &action, nullptr);
+  signal(SIGCHLD, SIG_DFL);  // if it is ignored, nobody learns how ranks end
 }
 
 bool StopRequested() { return stop_signal != 0; }

@@ -12,6 +12,7 @@
 #include "model/inference/action_model.h"
 #include "model/learning/training_progress.h"
 #include "model/machine/usable_cores.h"
+#include "server/jobs/trainer/named_folders.h"
 #include "server/jobs/trainer/progress_display.h"
 #include "server/jobs/trainer/stop_signal.h"
 #include "server/jobs/trainer_protocol.h"
@@ -88,7 +89,7 @@ absl::Status TagCommand::Tag(bool* no_room) const {
       [] { return std::chrono::system_clock::now(); });
   progress.BeginPhase("load");
   auto model = inference::ActionModel::Load(model_, {.precision = inference::Precision::kF32});
-  if (!model.ok()) return model.status();
+  if (!model.ok()) return OfFolder(model.status(), model_);
   progress.BeginPhase("tag");
   tags::TaggingOptions options;
   options.datasets = datasets_;

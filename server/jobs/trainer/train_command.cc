@@ -1,7 +1,5 @@
 #include "server/jobs/trainer/train_command.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <chrono>
 #include <ctime>
@@ -20,6 +18,7 @@
 #include "server/jobs/trainer/data_memory_option.h"
 #include "server/jobs/trainer/dataset_measurement.h"
 #include "server/jobs/trainer/dataset_names.h"
+#include "server/jobs/trainer/named_folders.h"
 #include "server/jobs/trainer/number_checks.h"
 #include "server/jobs/trainer/progress_display.h"
 #include "server/jobs/trainer/rank_launcher.h"
@@ -59,7 +58,7 @@ void PrintMetrics(const v1::ModelManifest& manifest) {
   *report.mutable_metrics() = manifest.metrics();
   *report.mutable_rivals() = manifest.rivals();
   std::cout << "On " << manifest.provenance().validation_examples() << " held-out examples:\n\n"
-            << evaluation::ReportText(report, isatty(STDOUT_FILENO) != 0);
+            << evaluation::ReportText(report, PrintsBold());
 }
 
 }  // namespace
@@ -194,7 +193,7 @@ absl::Status TrainCommand::Train() const {
     run.settings = artifact::ResolveTrainingSettings(settings);
   } else {
     const absl::StatusOr<v1::ModelManifest> start = artifact::ReadModelManifest(start_from_);
-    if (!start.ok()) return start.status();
+    if (!start.ok()) return OfFolder(start.status(), start_from_);
     absl::Status status = Refuse(artifact::ValidateStart(settings, start->spec()));
     if (!status.ok()) return status;
     run.settings = artifact::ResolveTrainingSettings(settings, start->spec());
@@ -219,6 +218,10 @@ absl::Status TrainCommand::Train() const {
     // Another rank than 0 that was started again by itself, after rank 0 had written the model.
     if (!leads) return absl::OkStatus();
     return absl::AlreadyExistsError(absl::StrCat(output_.filename().string(), " exists already"));
+  }
+  if (absl::Status status = CheckDatasets(datasets_); !status.ok()) return status;
+  if (leads) {
+    if (absl::Status status = PrepareOutput(output_); !status.ok()) return status;
   }
   run.output = output_;
   run.baselines = baselines_ || run.settings.baselines();
