@@ -70,37 +70,57 @@ size_t EditDistance(const std::string& a, const std::string& b) {
   return distance[a.size()][b.size()];
 }
 
-// "; did you mean train?", empty if no command is within a third of the word's letters.
-std::string DidYouMean(const std::string& word, CLI::App* group) {
+// "; did you mean train?", empty if no name is within a third of the word's letters.
+std::string DidYouMean(const std::string& word, const std::vector<std::string>& names) {
   std::string nearest;
   size_t least = std::max<size_t>(word.size() / 3, 1) + 1;
-  for (const CLI::App* command : CommandsOf(group)) {
-    const size_t distance = EditDistance(word, command->get_name());
+  for (const std::string& name : names) {
+    const size_t distance = EditDistance(word, name);
     if (distance >= least) continue;
     least = distance;
-    nearest = command->get_name();
+    nearest = name;
   }
   return nearest.empty() ? "" : "; did you mean " + nearest + "?";
 }
 
-// Names the word that is not a command; empty if there is none.
+std::vector<std::string> NamesOf(const std::vector<CLI::App*>& commands) {
+  std::vector<std::string> names;
+  for (const CLI::App* command : commands) names.push_back(command->get_name());
+  return names;
+}
+
+std::vector<std::string> LongOptionsOf(const std::vector<const CLI::App*>& apps) {
+  std::vector<std::string> names;
+  for (const CLI::App* app : apps) {
+    for (const CLI::Option* option : app->get_options()) {
+      for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
+    }
+  }
+  return names;
+}
+
+// Names the word that is not a command, or not an option of the command; empty if there is none.
 //   root: has parsed the arguments
 //   elsewhere: other programs by the command that they have
-std::string UnknownCommand(CLI::App* root, const std::map<std::string, std::string>& elsewhere) {
+std::string UnknownWord(CLI::App* root, const std::map<std::string, std::string>& elsewhere) {
   CLI::App* group = root;
   std::string path = root->get_name();
   while (!group->get_subcommands().empty()) {
     group = group->get_subcommands().front();
     path += " " + group->get_name();
   }
-  if (CommandsOf(group).empty()) return "";
+  const bool has_commands = !CommandsOf(group).empty();
   for (const std::string& word : root->remaining(/*recurse=*/true)) {
-    if (word.starts_with("-")) continue;
+    if (word.starts_with("--") && word != "--") {
+      const std::string option = word.substr(0, word.find('='));
+      return path + " has no option " + option + DidYouMean(option, LongOptionsOf({group, root}));
+    }
+    if (!has_commands || word.starts_with("-")) continue;
     const std::string unknown = path + " has no command " + word;
     if (const auto found = elsewhere.find(word); group == root && found != elsewhere.end()) {
       return unknown + "; " + found->second + " has: " + found->second + " " + word + " --help";
     }
-    return unknown + DidYouMean(word, group);
+    return unknown + DidYouMean(word, NamesOf(CommandsOf(group)));
   }
   return "";
 }
@@ -200,9 +220,13 @@ void Command::OptionPerValue(const std::string& flags, std::vector<std::string>*
   app_->add_option(flags, *values, help)->allow_extra_args(false);
 }
 
-void Command::Option(const std::string& flags, std::vector<int64_t>* values,
-                     const std::string& help) {
-  app_->add_option(flags, *values, help)->delimiter(',')->type_name("NUMBER");
+void Command::Option(const std::string& flags, std::vector<int64_t>* values, int64_t least,
+                     int64_t most, const std::string& help) {
+  app_->add_option(flags, *values, help)
+      ->delimiter(',')
+      ->check(CLI::Range(least, most).description(""))
+      ->check(NumberError<int64_t>)
+      ->type_name("NUMBER");
 }
 
 void Command::Choice(const std::string& flags, std::string* value,
@@ -267,7 +291,7 @@ CommandLine::CommandLine(const std::string& summary, const std::string& name,
     for (auto used = commands; !used.empty(); used = used.front()->get_subcommands()) {
       path += " " + used.front()->get_name();
     }
-    const std::string unknown = UnknownCommand(app_.get(), elsewhere_);
+    const std::string unknown = UnknownWord(app_.get(), elsewhere_);
     return (unknown.empty() ? error.what() : unknown) + "\nTry: " + path + " --help\n";
   });
 }
@@ -287,7 +311,7 @@ int CommandLine::Run(std::vector<std::string> arguments, std::ostream& out, std:
   try {
     app_->parse(std::move(arguments));
   } catch (const CLI::CallForHelp& help) {
-    if (UnknownCommand(app_.get(), elsewhere_).empty()) return app_->exit(help, out, err);
+    if (UnknownWord(app_.get(), elsewhere_).empty()) return app_->exit(help, out, err);
     app_->exit(CLI::ExtrasError(app_->remaining(/*recurse=*/true)), out, err);
     return kUsage;
   } catch (const CLI::ParseError& error) {

@@ -67,7 +67,8 @@ class Command {
   void OptionPerValue(const std::string& flags, std::vector<std::string>* values,
                       const std::string& help);
   // An option with several numbers, separated by commas or spaces.
-  void Option(const std::string& flags, std::vector<int64_t>* values, const std::string& help);
+  void Option(const std::string& flags, std::vector<int64_t>* values, int64_t least, int64_t most,
+              const std::string& help);
   void Choice(const std::string& flags, std::string* value, const std::vector<std::string>& choices,
               const std::string& help);
   // An option that may be repeated; each value is one of `choices`.

@@ -93,7 +93,7 @@ void AddCrossValidate(Command& root, Environment& environment) {
   command.Option("--folds", &arguments->folds, 2, 100,
                  "Number of parts to divide the recordings into");
   command.Option(
-      "--seeds", &arguments->seeds,
+      "--seeds", &arguments->seeds, 0, INT64_MAX,
       "Training seeds, such as 1,2,3; every fold is trained with each [the seed of the settings]");
   command.Option("--fold-seed", &arguments->fold_seed, 0, INT64_MAX,
                  "Seed of the division into folds [1]");

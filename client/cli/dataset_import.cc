@@ -10,12 +10,15 @@
 #include <memory>
 #include <ostream>
 #include <semaphore>
+#include <set>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "client/cli/interrupt.h"
 #include "client/cli/progress_line.h"
 #include "client/cli/text_format.h"
 #include "model/data/dataset_folder.h"
+#include "model/data/dataset_manifest.h"
 #include "model/data/recording_split.h"
 #include "model/files/durable_file.h"
 #include "model/machine/usable_cores.h"
@@ -25,6 +28,8 @@ namespace maneuver::cli {
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr int kMostSaid = 20;  // problems that are listed
 
 std::string TimeLeft(double seconds) {
   const auto whole = static_cast<int64_t>(seconds + 0.5);
@@ -64,6 +69,7 @@ class Import final : public ImportSink {
   }
 
   absl::Status Take(RawRecording&& recording) override {
+    if (interrupt_.happened()) return absl::CancelledError("interrupted");
     recording.end += before_file_;
     Begin(std::move(recording));
     while (parsing_.size() > ahead_) {
@@ -151,9 +157,15 @@ class Import final : public ImportSink {
       scenario->set_scenario_id(absl::StrCat("unnamed-", recordings_ + refused_));
     }
     // As a part, which keeps it on the same side of the validation split.
-    const int part = ++times_seen_[scenario->scenario_id()];
-    if (part > 1) {
-      scenario->set_scenario_id(data::PartId(scenario->scenario_id(), part));
+    std::string id = scenario->scenario_id();
+    while (!names_.insert(id).second) {
+      id = data::PartId(scenario->scenario_id(), ++times_seen_[scenario->scenario_id()] + 1);
+    }
+    if (id != scenario->scenario_id()) {
+      scenario->set_scenario_id(id);
+      if (!scene::ValidateScenario(*scenario, scene::ScenarioLimits()).empty()) {
+        return Refuse(pending.place, "its id was seen before, and is too long for a suffix");
+      }
       ++renamed_;
     }
     ++recordings_;
@@ -171,8 +183,10 @@ class Import final : public ImportSink {
   }
 
   void Say(const std::string& text) {
+    if (++said_ > kMostSaid) return;
     progress_.Clear();
     environment_.err << text << "\n";
+    if (said_ == kMostSaid) environment_.err << "further ones are counted, not listed\n";
   }
 
   void Progress(double bytes) {
@@ -186,6 +200,7 @@ class Import final : public ImportSink {
   const ImportFormat& format_;
   data::DatasetWriter& writer_;
   Environment& environment_;
+  const Interrupt interrupt_{[] {}};
   ProgressLine progress_;
   const int64_t threads_;  // that parse at once
   const size_t ahead_;     // recordings that are parsed, or wait to be, while one is written
@@ -198,7 +213,9 @@ class Import final : public ImportSink {
   int64_t refused_ = 0;
   int64_t damaged_ = 0;
   int64_t renamed_ = 0;
-  std::map<std::string, int> times_seen_;
+  int said_ = 0;                           // problems
+  std::set<std::string> names_;            // of all recordings so far
+  std::map<std::string, int> times_seen_;  // again, by id
 };
 
 }  // namespace
@@ -221,6 +238,10 @@ absl::StatusOr<std::vector<ImportFile>> FindFiles(const std::vector<std::string>
       }
       add(input);
       continue;
+    }
+    if (fs::exists(fs::path(input) / data::kManifestFile, error)) {
+      return absl::InvalidArgumentError(absl::StrCat(
+          input, " is a dataset already; upload it (maneuver dataset upload) or use it as it is"));
     }
     const auto entries = files::ListFolder(input);
     if (!entries.ok()) return entries.status();

@@ -121,6 +121,7 @@ void Environment::PrintJson(const google::protobuf::Message& message) {
     out << *text;
   } else {
     (void)Fail(text.status());
+    cannot_print_ = true;
   }
 }
 
@@ -160,6 +161,7 @@ void Environment::PrintError(const std::string& code, const std::string& reason,
 
 bool Environment::Flush() {
   const bool has_failed = !out;
+  if (cannot_print_) return false;  // PrintJson has said so
   out.clear();
   errno = 0;
   // Of a text longer than the buffer nothing may be left to write: a line break fails for its reason.

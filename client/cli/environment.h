@@ -71,6 +71,9 @@ class Environment {
   // Does the same as Fail for an error about a local file or folder. The message begins with
   // `path`.
   int FailAt(const std::string& path, const absl::Status& status);
+  // Writes an error in the form of Fail.
+  //   reason: as in the error's details; empty: none
+  void PrintError(const std::string& code, const std::string& reason, const std::string& message);
   // Reports an invalid command line in the same form as Fail. Returns kUsage.
   int Refuse(const std::string& message);
   // Returns what Fail says about a call: why it failed and what to do, as in Describe.
@@ -78,7 +81,7 @@ class Environment {
   // Returns an error within an answer, as that of a job: the message, when to try again, then each
   // wrong field on its own line.
   static std::string Describe(const absl::Status& status);
-  // Returns whether all answers could be written to `out`. If not, says so on `errors`. A pipe that
+  // Returns whether all answers could be printed and written to `out`. If not, says so on `errors`. A pipe that
   // its reader has closed, as head does, is no failure.
   bool Flush();
 
@@ -87,7 +90,7 @@ class Environment {
 
   // How calls are secured; none for plain text.
   std::optional<client::TlsOptions> tls_options() const;
-  void PrintError(const std::string& code, const std::string& reason, const std::string& message);
+  bool cannot_print_ = false;  // an answer that JSON has no form for
 
   std::unique_ptr<client::Client> client_;
 };

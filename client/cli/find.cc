@@ -188,6 +188,10 @@ absl::StatusOr<tags::TagQuery> ReadQuery(FindArguments* arguments) {
   if (!arguments->per.empty() && !counts) {
     return absl::InvalidArgumentError("--per needs --by: what is to be counted?");
   }
+  if (counts && (arguments->distinct || arguments->surprise.starts_with("top:"))) {
+    return absl::InvalidArgumentError(
+        "--by counts all rows: give it no --distinct, --as-dataset or --surprise top:N");
+  }
   query.errors = !arguments->against.empty() || (counts && arguments->plot);
   query.limit = static_cast<size_t>(arguments->limit * (arguments->distinct ? kCandidates : 1));
   return query;
@@ -490,11 +494,18 @@ class Finding {
     if (matches_.empty()) return absl::NotFoundError("there is no match to make a dataset of");
     auto writer = data::DatasetWriter::Create(arguments_.as_dataset, "found by maneuver find");
     if (!writer.ok()) return writer.status();
-    std::set<std::string> added;
+    std::set<std::pair<std::string, std::string>> added;  // dataset and id
+    std::set<std::string> names;
+    std::map<std::string, int> times_seen;
     for (const tags::Match& match : matches_) {
-      if (!added.insert(ShardOf(match).Scene(match.row)).second) continue;
-      const absl::StatusOr<v1::Scenario> recording = scenes_.Recording(match);
+      const tags::TaggedShard& shard = ShardOf(match);
+      if (!added.emplace(shard.file.dataset(), shard.Scene(match.row)).second) continue;
+      absl::StatusOr<v1::Scenario> recording = scenes_.Recording(match);
       if (!recording.ok()) return recording.status();
+      const std::string its_own = recording->scenario_id();
+      std::string id = its_own;
+      while (!names.insert(id).second) id = data::PartId(its_own, ++times_seen[its_own] + 1);
+      recording->set_scenario_id(id);
       if (absl::Status status = (*writer)->Add(*recording); !status.ok()) return status;
     }
     const absl::StatusOr<v1::Dataset> dataset = (*writer)->Commit();

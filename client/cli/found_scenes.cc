@@ -1,12 +1,29 @@
 #include "client/cli/found_scenes.h"
 
 #include <algorithm>
+#include <cmath>
 #include <system_error>
 
 #include "absl/strings/str_cat.h"
 #include "model/data/dataset_folder.h"
+#include "model/scene/target_frame.h"
 
 namespace maneuver::cli {
+
+namespace {
+
+// Returns the time of the target's state that a time of the tags, in whole milliseconds, stands for.
+double StateTime(const v1::Scenario& scene, int64_t target, double rounded) {
+  constexpr double kHalf = 5.001e-4;
+  const v1::Agent* const agent = scene::FindAgent(scene, target);
+  if (agent == nullptr) return rounded;
+  const auto state = std::ranges::find_if(agent->states(), [&](const v1::AgentState& each) {
+    return std::abs(each.time() - rounded) <= kHalf;
+  });
+  return state == agent->states().end() ? rounded : state->time();
+}
+
+}  // namespace
 
 FoundScenes::FoundScenes(const tags::TagSet& set, const std::vector<std::string>& folders)
     : set_(set) {
@@ -60,9 +77,11 @@ absl::StatusOr<v1::Scenario> FoundScenes::Scene(const tags::Match& match, bool a
   if (!scene.ok()) return scene;
   const tags::ShardTags& tags = *set_.shards[match.shard].tags;
   const tags::Column time = at_peak ? tags::Column::kPeak : tags::Column::kFrom;
-  scene->set_prediction_time(tags::ToNumber(time, tags.Value(time, match.row)));
+  const int64_t target = tags.Value(tags::Column::kTarget, match.row);
+  scene->set_prediction_time(
+      StateTime(*scene, target, tags::ToNumber(time, tags.Value(time, match.row))));
   scene->clear_target_ids();
-  scene->add_target_ids(tags.Value(tags::Column::kTarget, match.row));
+  scene->add_target_ids(target);
   if (match.other) scene->add_target_ids(tags.Value(tags::Column::kTarget, *match.other));
   return scene;
 }

@@ -106,7 +106,8 @@ absl::Status ReadScenes(const fs::path& tables, const std::optional<std::string>
   Maps maps;
   if (maps_folder != "none") {
     // "v1.0-mini/" has an empty last part.
-    const fs::path beside = fs::absolute(tables / "scene.json").parent_path().parent_path();
+    const fs::path beside =
+        fs::absolute(tables / "scene.json").lexically_normal().parent_path().parent_path();
     const fs::path folder = maps_folder ? fs::path(*maps_folder) : beside / "maps";
     absl::StatusOr<Maps> read = ReadMaps(folder, *scenes, sink);
     if (!read.ok()) return read.status();

@@ -190,7 +190,10 @@ void PrintValid(const v1::Job& job, Environment& environment) {
                   << (memory.data_fit() ? "all of them at once"
                                         : "which are read piece by piece (--data-memory)")
                   << "; " << Bytes(memory.network_bytes()) << " for the networks; "
-                  << Bytes(memory.working_bytes()) << " to work in.\n";
+                  << Bytes(memory.working_bytes()) << " to work in; "
+                  << Bytes(memory.total_bytes() - memory.data_bytes() - memory.network_bytes() -
+                           memory.working_bytes())
+                  << " for the program.\n";
 }
 
 int PrintOutcome(const v1::Job& job, Environment& environment) {

@@ -354,7 +354,8 @@ void AddLoad(Command& root, Environment& environment) {
   AddPriorityOption(command, &arguments->priority);
   command.Flag("--register-maps", &arguments->register_maps,
                "Register the scenes' maps first, and send only their ids, as a planner does");
-  command.Option("--actions", &arguments->actions, "Describe these actions, such as 1,2");
+  command.Option("--actions", &arguments->actions, 0, INT32_MAX,
+                 "Describe these actions, such as 1,2");
   command.Option("--min-probability", &arguments->min_probability, 0.0, 1.0,
                  "Describe actions at least this probable [0.05]");
   command.Option("--top-k", &arguments->top_k, 1, 1'000'000,

@@ -34,7 +34,7 @@ absl::StatusOr<std::vector<SweepRate>> ParseRates(const std::string& text) {
     SweepRate rate;
     word = absl::StripAsciiWhitespace(word);
     rate.of_capacity = absl::ConsumeSuffix(&word, "%");
-    if (!ParseNumber(word, &rate.value) || rate.value <= 0.0 || rate.value > 1e6) {
+    if (!ParseNumber(word, &rate.value) || !(rate.value >= 1e-3 && rate.value <= 1e6)) {
       return absl::InvalidArgumentError(
           absl::StrCat("--rates ", text,
                        ": give calls a second or shares of the capacity, such as 25%,100%,200"));

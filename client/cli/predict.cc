@@ -168,6 +168,11 @@ void PrintRepresentatives(const Predictions& predictions, double horizon, const 
   environment.out << table.Text(environment.color);
 }
 
+// A share that may be far below a thousandth.
+std::string SmallShare(double share) {
+  return share >= 0.001 ? Share(share) : absl::StrFormat("%.1g %%", 100.0 * share);
+}
+
 // Combinations of the targets' actions, the most probable first: a row for each target.
 void PrintJoint(const Predictions& predictions, const ActionTitles& titles,
                 Environment& environment) {
@@ -187,7 +192,7 @@ void PrintJoint(const Predictions& predictions, const ActionTitles& titles,
         const int action = combination.action_ids(i);
         table.Add({n == 0 && i == 0 ? prediction.scenario_id() : "",
                    i == 0 ? absl::StrCat(n + 1) : "", i == 0 ? Share(combination.weight()) : "",
-                   i == 0 ? Share(std::exp(combination.log_probability())) : "",
+                   i == 0 ? SmallShare(std::exp(combination.log_probability())) : "",
                    absl::StrCat(joint.target_ids(i)), absl::StrCat(action),
                    TitleOf(titles, action)});
       }
@@ -240,6 +245,15 @@ void PrintDistributions(const Predictions& predictions, double horizon, const st
     }
   }
   environment.out << table.Text(environment.color);
+  for (const v1::ScenarioPrediction& prediction : predictions) {
+    for (const v1::TargetPrediction& target : prediction.targets()) {
+      if (target.has_error() || target.distributions_size() > 0) continue;
+      environment.err
+          << Printable(TargetName(prediction.scenario_id(), target.target_id()))
+          << ": no action is as probable as was asked for; give --top-k 1, or a smaller "
+             "--min-probability than 0.05\n";
+    }
+  }
 }
 
 // FILE.png for one scene; FILE-1.png, FILE-2.png, ... for several.
@@ -385,7 +399,8 @@ void AddCommonOptions(Command& command, PredictArguments* arguments) {
 }
 
 void AddQueryOptions(Command& command, PredictArguments* arguments) {
-  command.Option("--actions", &arguments->actions, "Describe these actions, such as 1,2");
+  command.Option("--actions", &arguments->actions, 0, INT32_MAX,
+                 "Describe these actions, such as 1,2");
   command.Option("--min-probability", &arguments->min_probability, 0.0, 1.0,
                  "Describe actions at least this probable [0.05]");
   command.Option("--top-k", &arguments->top_k, 1, 1'000'000,

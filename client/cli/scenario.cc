@@ -221,7 +221,8 @@ void AddScenario(Command& root, Environment& environment) {
   extract.Argument("SCENARIO_ID", &arguments->scenario_id, "Which recording");
   extract.Option("--time", &arguments->time, -1e12, 1e12,
                  "Prediction time, seconds on the recording's clock [the recording's own]");
-  extract.Option("--target", &arguments->targets, "Agents to ask about, by id");
+  extract.Option("--target", &arguments->targets, INT64_MIN, INT64_MAX,
+                 "Agents to ask about, by id");
   extract.Choice("--type", &arguments->type, {"vehicle", "pedestrian", "cyclist"},
                  "Type of the agents to ask about");
   extract.Exclude("--type", "--target");

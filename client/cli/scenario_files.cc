@@ -40,12 +40,20 @@ std::string TargetName(const std::string& scenario_id, int64_t target_id) {
 }
 
 void ReportItemError(const std::string& item, const v1::Status& error, Environment& environment) {
+  if (environment.json()) {
+    const absl::Status status = client::ToStatus(error);
+    environment.PrintError(absl::StatusCodeToString(status.code()),
+                           client::ErrorDetailsOf(status).reason,
+                           absl::StrCat(Prefix(item), Environment::Describe(status)));
+    return;
+  }
   environment.errors << "maneuver: " << Prefix(item)
                      << PrintableLines(Environment::Describe(client::ToStatus(error))) << "\n";
 }
 
 void ReportWarnings(const std::string& item, const SceneWarnings& warnings,
                     Environment& environment) {
+  if (environment.json()) return;  // the answer has them
   for (const v1::SceneWarning& warning : warnings) {
     environment.err << "maneuver: warning: " << Prefix(item) << Printable(warning.field()) << ": "
                     << Printable(warning.description()) << "\n";

@@ -219,7 +219,7 @@ absl::Status SetHorizon(const std::string& horizon, v1::TrainingSettings* settin
   double interval = ToSeconds(resolved.model().trajectory().waypoint_interval());
   if (!(interval > 0.0)) interval = 0.1;  // of a preset that the server will refuse
   const double waypoints = std::round(seconds / interval);
-  if (waypoints < 1.0 || std::abs(waypoints * interval - seconds) > 1e-6) {
+  if (!(waypoints >= 1.0 && waypoints <= 1e6) || std::abs(waypoints * interval - seconds) > 1e-6) {
     return absl::InvalidArgumentError(
         absl::StrCat("--horizon ", horizon, " is not a whole number of waypoints, which are ",
                      interval, " s apart"));

@@ -9,6 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/cli/commands.h"
+#include "client/cli/interrupt.h"
 #include "client/cli/progress_line.h"
 #include "client/cli/text_format.h"
 #include "model/data/dataset_folder.h"
@@ -87,11 +88,13 @@ int Synthesize(const SynthesizeArguments& arguments, Environment& environment) {
                             arguments.threads > 0 ? static_cast<int>(arguments.threads) : cores);
   ProgressLine progress(environment.errors, environment.progress_form());
   int written = 0;
+  const Interrupt interrupt([] {});
   while (const std::optional<TownRecording> recording = production.Next()) {
     absl::Status status = (*writer)->Add(recording->scenario);
     for (const v1::ManeuverAnnotation& maneuver : recording->maneuvers) {
       if (status.ok()) status = (*writer)->Add(maneuver);
     }
+    if (status.ok() && interrupt.happened()) status = absl::CancelledError("interrupted");
     if (!status.ok()) return environment.FailAt(arguments.folder, status);
     ++written;
     progress.Show(static_cast<double>(written) / count,

@@ -90,8 +90,8 @@ Color ActionColor(int action_id) {
   // Eight hues, then the same hues in other strengths. None is the red of other agents or the
   // yellow of the target. The order keeps neighbouring ids apart.
   constexpr std::array<double, 8> kHues = {0.58, 0.08, 0.36, 0.84, 0.49, 0.24, 0.72, 0.93};
-  constexpr std::array<std::pair<double, double>, 3> kStrengths = {
-      std::pair{0.72, 1.0}, {0.42, 1.0}, {0.80, 0.82}};  // saturation, value
+  constexpr std::array<std::pair<double, double>, 4> kStrengths = {
+      std::pair{0.72, 1.0}, {0.42, 1.0}, {0.80, 0.82}, {0.50, 0.66}};  // saturation, value
   const auto id = static_cast<size_t>(std::max(action_id, 0));
   const auto [saturation, value] = kStrengths[id / kHues.size() % kStrengths.size()];
   return FromHsv(kHues[id % kHues.size()], saturation, value);

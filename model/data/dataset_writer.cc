@@ -143,6 +143,11 @@ class FolderWriter final : public DatasetWriter {
       manifest_.mutable_shards()->Add(series->shards().begin(), series->shards().end());
     }
     *manifest_.mutable_create_time() = google::protobuf::util::TimeUtil::GetCurrentTime();
+    if (const auto violations = ValidateDatasetManifest(manifest_); !violations.empty()) {
+      failed_ = absl::InvalidArgumentError(
+          absl::StrCat(violations.front().field, " ", violations.front().description));
+      return failed_;
+    }
     failed_ = WriteDatasetManifest(temporary_, manifest_);
     if (failed_.ok()) {
       failed_ =

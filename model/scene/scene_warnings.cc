@@ -114,6 +114,13 @@ class WarningSearch {
     };
     check("length", agent.length(), limits_.max_length);
     check("width", agent.width(), limits_.max_width);
+    if (agent.type() == v1::AGENT_TYPE_VEHICLE &&
+        agent.width() > limits_.max_vehicle_width * agent.length()) {
+      Warn(absl::StrCat("agents[", a, "].width"),
+           absl::StrFormat("vehicle %d has a width of %g m and a length of %g m; the length is "
+                           "along the heading",
+                           agent.id(), agent.width(), agent.length()));
+    }
   }
 
   void CheckDistance(int a, int s, bool target) {

@@ -22,6 +22,7 @@ struct SceneWarningLimits {
   double max_pedestrian_speed = 13.0;  // m/s
   double max_length = 60.0;            // metres
   double max_width = 20.0;             // metres
+  double max_vehicle_width = 1.8;      // lengths
   double max_target_distance = 100.0;  // metres from the box of the nearest map feature
   double max_agent_distance = 1000.0;  // metres from the box of the whole map
   double max_gap = 10.0;               // seconds between a target's latest two states

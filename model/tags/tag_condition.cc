@@ -15,7 +15,7 @@ namespace {
 
 constexpr int64_t kLeast = std::numeric_limits<int64_t>::min() + 1;  // one less is in range
 constexpr int64_t kMost = std::numeric_limits<int64_t>::max();
-constexpr double kBeyond = 9e18;  // no integer of a column is as large
+constexpr double kBeyond = 9e18;  // a larger double counts as the largest integer
 
 // Returns the smallest integer whose number is at least, or greater than, `bound`.
 int64_t FirstFrom(Column column, double bound, bool strict) {
@@ -51,7 +51,8 @@ absl::StatusOr<Value> ParseValue(Column column, const std::string& text) {
   }
   // Not every integer beyond 2^53, such as an id, has a double.
   int64_t integer = 0;
-  if (SpecOf(column).decimals == 0 && absl::SimpleAtoi(text, &integer) && integer < kMost) {
+  if (SpecOf(column).decimals == 0 && absl::SimpleAtoi(text, &integer) && integer >= kLeast &&
+      integer < kMost) {
     return Value{integer, integer + 1};
   }
   double value = 0.0;

@@ -126,6 +126,7 @@ absl::StatusOr<Schema> PrepareTagFolder(const fs::path& folder, const TagSchema&
     return absl::AlreadyExistsError(absl::StrCat(files::NameOf(folder), " has files, but no ",
                                                  kSchemaFile, "; choose another folder"));
   }
+  if (error) return files::ErrnoStatus(error.value(), "read", folder);
   if (absl::Status status = files::WriteFileAtomically(folder / kSchemaFile, json); !status.ok()) {
     return status;
   }

@@ -124,7 +124,8 @@ struct Change {
 
 // Compares the shares of a group in two answers; both queries must have `errors`. In an answer that
 // lacks the group, the share is 0, and the interval allows for up to 3 / n, where n is the answer's
-// number of recordings. If both lack it, they do not differ.
+// number of recordings; it allows for as much if n is 1, or all windows are in the group. If both
+// lack it, they do not differ.
 Change Compare(const Statistics& first, const Statistics& second, const std::string& group);
 
 // An interval of 95 % for the share of a group. If the group is missing: from 0 to 3 / n.

@@ -116,6 +116,7 @@ class RetryTest(unittest.TestCase):
         self.assertAlmostEqual(backoff_after(policy, 1, 0.0), 0.8)
         self.assertAlmostEqual(backoff_after(policy, 1, 1.0), 1.2)
         self.assertAlmostEqual(backoff_after(policy, 5, 0.5), 3.0)
+        self.assertAlmostEqual(backoff_after(policy, 5000, 0.5), 3.0)
 
     def test_refuses_a_policy_that_makes_no_sense(self):
         for wrong in ({"max_attempts": 0}, {"jitter": 1.5}, {"backoff_multiplier": 0.5}):
@@ -133,12 +134,16 @@ class AddressTest(unittest.TestCase):
         self.assertEqual(parse_address("[fd00::1]:1,[fd00::2]:2").target,
                          "ipv6:[fd00::1]:1,[fd00::2]:2")
         self.assertTrue(parse_address("dns:///fleet:8470").several)
-        for wrong in ("", "a:1,b:2", "10.0.0.1:1,[fd00::1]:1"):
+        for short, whole in (("10.0.0.1", "10.0.0.1:8470"), ("::1", "[::1]:8470"), ("fleet", "fleet:8470"),
+                             ("dns:///fleet", "dns:///fleet:8470"), ("[::1]", "[::1]:8470"),
+                             ("10.0.0.1,10.0.0.2:2", "ipv4:10.0.0.1:8470,10.0.0.2:2"), ("unix:/m", "unix:/m")):
+            self.assertEqual(parse_address(short).target, whole)
+        for wrong in ("", "a:1,b:2", "10.0.0.1:1,[fd00::1]:1", "10.0.0.1:74006", "a:0", "dns:///a:65536"):
             with self.assertRaises(ValueError):
                 parse_address(wrong)
 
     def test_knows_what_stays_on_this_machine(self):
-        for local in ("127.0.0.1:1", "127.9.9.9:1", "[::1]:1", "localhost:1", "unix:/run/m"):
+        for local in ("localhost", "127.0.0.1:1", "127.9.9.9:1", "[::1]:1", "localhost:1", "unix:/run/m"):
             self.assertTrue(is_local(local), local)
         for remote in ("10.0.0.1:1", "localhost.example:1", "127.0.0.1:1,10.0.0.1:1"):
             self.assertFalse(is_local(remote), remote)

@@ -367,7 +367,7 @@ class Client(Predictor):
     def train(self, model: str, datasets: Sequence[str], settings: Optional[Settings] = None, *,
               promotion: "v1.Promotion.ValueType" = v1.PROMOTION_UNSPECIFIED,
               promotion_criteria: Optional[v1.PromotionCriteria] = None, start_from: str = "",
-              priority: int = 0, validate_only: bool = False, request_id: str = "",
+              priority: int = 0, ranks: int = 0, validate_only: bool = False, request_id: str = "",
               timeout: Optional[float] = None) -> v1.Job:
         """Starts learning a new version of models/{model}; returns the job at once.
 
@@ -377,7 +377,7 @@ class Client(Predictor):
         request = v1.TrainRequest(
             model=model, datasets=datasets, settings=_message(settings, v1.TrainingSettings),
             promotion=promotion, promotion_criteria=promotion_criteria, start_from=start_from,
-            priority=priority, validate_only=validate_only,
+            priority=priority, ranks=ranks, validate_only=validate_only,
             request_id=request_id or uuid.uuid4().hex)
         return self._manage(v1.Job, self._connection.training.Train, request, timeout)
 

@@ -30,6 +30,9 @@ class ServerAddress:
     all: Tuple[str, ...]  # each as it was given, without a scheme
 
 
+DEFAULT_PORT = 8470
+
+
 def _host(address: str) -> str:
     return address.rpartition(":")[0].strip("[]")
 
@@ -41,13 +44,34 @@ def _ip_version(address: str) -> Optional[int]:
         return None
 
 
+def _with_port(address: str) -> str:
+    """Adds the default port to "localhost", "10.0.0.1", "[::1]" and "::1"; checks one that is there."""
+    if address.startswith(("unix:", "unix-abstract:")):
+        return address
+    try:
+        if ipaddress.ip_address(address).version == 6:
+            return f"[{address}]:{DEFAULT_PORT}"
+    except ValueError:
+        pass
+    is_bracketed = address.startswith("[") and address.endswith("]")
+    if is_bracketed or ":" not in address:
+        return f"{address}:{DEFAULT_PORT}"
+    port = address.rpartition(":")[2]
+    # gRPC would connect to the port modulo 65536.
+    if port.isdecimal() and not 1 <= int(port) <= 65535:
+        raise ValueError(f"{address}: the port is not from 1 to 65535")
+    return address
+
+
 def parse_address(address: str) -> ServerAddress:
     """Reads the address that a Client is given; ValueError says what is wrong with it."""
     if not address:
         raise ValueError("address is empty; name the server as HOST:PORT")
     if address.startswith("dns:///"):
-        return ServerAddress(address, True, (address[len("dns:///"):],))
-    every = tuple(address.split(","))
+        name = _with_port(address[len("dns:///"):])
+        return ServerAddress("dns:///" + name, True, (name,))
+    every = tuple(_with_port(one) for one in address.split(","))
+    address = ",".join(every)
     if len(every) == 1:
         return ServerAddress(address, False, every)
     versions = {_ip_version(one) for one in every}

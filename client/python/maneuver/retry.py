@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import random
 import time
 from typing import Callable, Optional, TypeVar
@@ -50,8 +51,11 @@ def backoff_after(policy: RetryPolicy, failures: int, uniform: float) -> float:
 
     uniform: in [0, 1), decides the jitter.
     """
-    nominal = min(policy.initial_backoff * policy.backoff_multiplier ** (failures - 1),
-                  policy.max_backoff)
+    try:
+        growth = policy.backoff_multiplier ** (failures - 1)
+    except OverflowError:  # a watch may have failed a thousand times
+        growth = math.inf if policy.initial_backoff > 0.0 else 0.0
+    nominal = min(policy.initial_backoff * growth, policy.max_backoff)
     return nominal * (1.0 + policy.jitter * (2.0 * uniform - 1.0))
 
 

@@ -202,8 +202,9 @@ void AddObstacles(const xml_node& root, double step, Reading& reading, v1::Scena
     if (!standing.contains(agent.id()) || agent.states_size() != 1) continue;
     const v1::AgentState stands = agent.states(0);
     const double first_step = std::round(stands.time() / step);
-    const int steps = static_cast<int>(
-        std::min<double>(scene::ScenarioLimits().max_states_per_agent - 1, last_step - first_step));
+    const double left = last_step - first_step;  // no number if both are infinite
+    const int most = scene::ScenarioLimits().max_states_per_agent - 1;
+    const int steps = left > 0.0 ? static_cast<int>(std::min<double>(left, most)) : 0;
     for (int i = 1; i <= steps; ++i) {
       *agent.add_states() = stands;
       agent.mutable_states()->rbegin()->set_time((first_step + i) * step);

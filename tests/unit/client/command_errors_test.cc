@@ -430,6 +430,15 @@ TEST(CommandErrorsTest, SuggestsTheNearestCommandForAnUnknownOne) {
   EXPECT_EQ(Maneuver({"fly"}).err, "maneuver has no command fly\nTry: maneuver --help\n");
 }
 
+TEST(CommandErrorsTest, NamesAnUnknownOptionAlsoIfAnotherIsMissing) {
+  EXPECT_EQ(Maneuver({"train", "town", "--dataste", "town"}).err,
+            "maneuver train has no option --dataste; did you mean --dataset?\n"
+            "Try: maneuver train --help\n");
+  EXPECT_EQ(Maneuver({"model", "list", "--sever=x"}).err,
+            "maneuver model list has no option --sever; did you mean --server?\n"
+            "Try: maneuver model list --help\n");
+}
+
 TEST(CommandErrorsTest, NamesTheProgramThatHasAnUnknownCommand) {
   const Result token = Maneuver({"token", "create", "--name", "planner"});
   EXPECT_EQ(token.status, kUsage);

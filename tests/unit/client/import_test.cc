@@ -192,6 +192,37 @@ TEST_F(ImportTest, ImportsCommonRoadFilesByNameAndNamesUnusableOnes) {
   EXPECT_FALSE(fs::exists(folder_ / "strict"));
 }
 
+TEST_F(ImportTest, NoIdKeepsTheOtherRecordingsFromBeingImported) {
+  const std::string longest(128, 'i');
+  Write("scenes/1.xml", CommonRoadFile("x"));
+  Write("scenes/2.xml", CommonRoadFile("x#2"));
+  Write("scenes/3.xml", CommonRoadFile("x"));
+  Write("scenes/4.xml", CommonRoadFile(longest));
+  Write("scenes/5.xml", CommonRoadFile(longest));
+  const Result result = Maneuver({"import", "commonroad", Path("out"), Path("scenes")});
+  EXPECT_THAT(result.err, AllOf(HasSubstr("too long for a suffix"),
+                                HasSubstr("unusable recordings skipped: 1")));
+  EXPECT_THAT(Ids("out"), ElementsAre("x", "x#2", "x#3", longest));
+}
+
+TEST_F(ImportTest, SaysThatAFolderIsADatasetAlready) {
+  Write("scenes/1.xml", CommonRoadFile("x"));
+  ASSERT_EQ(Maneuver({"import", "commonroad", Path("out"), Path("scenes")}).status, kOk);
+  const Result again = Maneuver({"import", "waymo", Path("again"), Path("out")});
+  EXPECT_EQ(again.status, kUsage);
+  EXPECT_THAT(again.err, HasSubstr("is a dataset already"));
+}
+
+TEST_F(ImportTest, ListsTheFirstProblemsAndCountsTheOthers) {
+  for (int i = 100; i < 140; ++i) {
+    Write("scenes/" + std::to_string(i) + ".xml", "no XML");
+  }
+  Write("scenes/good.xml", CommonRoadFile("good"));
+  const Result result = Maneuver({"import", "commonroad", Path("out"), Path("scenes")});
+  EXPECT_THAT(result.err, AllOf(HasSubstr("119.xml"), testing::Not(HasSubstr("120.xml")),
+                                HasSubstr("unusable recordings skipped: 40")));
+}
+
 TEST_F(ImportTest, ImportsScenesOfNuScenesWithTheirMapOnAnyNumberOfThreads) {
   data::NuScenesFixture(5, 5).Write(folder_ / "nuscenes");
   for (const char* threads : {"1", "7"}) {

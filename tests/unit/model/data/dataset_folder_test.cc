@@ -140,6 +140,16 @@ TEST_F(DatasetFolderTest, RefusesToCommitAnEmptyDataset) {
   EXPECT_EQ((*writer)->Commit().status().code(), absl::StatusCode::kFailedPrecondition);
 }
 
+TEST_F(DatasetFolderTest, CommitsNothingThatNobodyCouldRead) {
+  auto writer = DatasetWriter::Create(folder_, std::string(1001, 'a'));
+  ASSERT_TRUE((*writer)->Add(SmallRecording("r", 1.0)).ok());
+  const absl::Status status = (*writer)->Commit().status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_NE(status.message().find("origin"), std::string::npos);
+  writer->reset();
+  EXPECT_FALSE(std::filesystem::exists(folder_));
+}
+
 TEST_F(DatasetFolderTest, RefusesInvalidRecordingsAndContinues) {
   auto writer = DatasetWriter::Create(folder_, "");
   EXPECT_EQ((*writer)->Add(SmallRecording("")).code(), absl::StatusCode::kInvalidArgument);

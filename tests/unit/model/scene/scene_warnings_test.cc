@@ -167,6 +167,19 @@ TEST_F(SceneWarningsTest, WarnsOfSizesInOtherUnits) {
   EXPECT_THAT(Fields(), ElementsAre("agents[0].length", "agents[1].width"));
 }
 
+TEST_F(SceneWarningsTest, WarnsOfAVehicleWhoseLengthAndWidthAreSwapped) {
+  v1::Agent& vehicle = *scenario_.mutable_agents(0);
+  ASSERT_EQ(vehicle.type(), v1::AGENT_TYPE_VEHICLE);
+  vehicle.set_length(1.9f);
+  vehicle.set_width(4.5f);
+  EXPECT_THAT(Fields(), ElementsAre("agents[0].width"));
+  vehicle.set_width(3.0f);
+  EXPECT_THAT(Fields(), IsEmpty());
+  vehicle.set_width(4.5f);
+  vehicle.set_type(v1::AGENT_TYPE_OTHER);
+  EXPECT_THAT(Fields(), IsEmpty());
+}
+
 TEST_F(SceneWarningsTest, StopsAfterEightWarnings) {
   for (int i = 0; i < 20; ++i) {
     AddState(AddAgent(&scenario_, 100 + i, v1::AGENT_TYPE_VEHICLE, 4, 2), 1.0, 0, 0, 90.0);

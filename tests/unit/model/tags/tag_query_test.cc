@@ -66,6 +66,26 @@ TEST(ConditionTest, FindsEachIdWhateverItsSize) {
   }
 }
 
+TEST(ConditionTest, NearlyNothingIsLessThanTheLeastInteger) {
+  const auto condition = ParseCondition("target < -9223372036854775808");
+  ASSERT_TRUE(condition.ok()) << condition.status();
+  EXPECT_EQ(condition->most, std::numeric_limits<int64_t>::min());
+}
+
+TEST(CompareTest, ASingleRecordingDecidesNothing) {
+  Statistics first;
+  Statistics second;
+  first.scenes = second.scenes = 1;
+  first.groups["fast"].share = 0.5;
+  second.groups["fast"].share = 1.0;
+  const Change change = Compare(first, second, "fast");
+  EXPECT_EQ(change.difference, -0.5);
+  EXPECT_GT(change.high, 0.0);
+  // All of many recordings are something, too.
+  second.scenes = 1000;
+  EXPECT_LT(IntervalOf(second, "fast").low, 1.0);
+}
+
 TEST(ConditionTest, AClassHasAName) {
   const auto condition = ParseCondition("class = cyclist");
   ASSERT_TRUE(condition.ok());
