@@ -85,6 +85,7 @@ std::string DidYouMean(const std::string& word, const std::vector<std::string>& 
 
 std::vector<std::string> NamesOf(const std::vector<CLI::App*>& commands) {
   std::vector<std::string> names;
+  names.reserve(commands.size());
   for (const CLI::App* command : commands) names.push_back(command->get_name());
   return names;
 }

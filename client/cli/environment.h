@@ -81,8 +81,8 @@ class Environment {
   // Returns an error within an answer, as that of a job: the message, when to try again, then each
   // wrong field on its own line.
   static std::string Describe(const absl::Status& status);
-  // Returns whether all answers could be printed and written to `out`. If not, says so on `errors`. A pipe that
-  // its reader has closed, as head does, is no failure.
+  // Returns whether all answers could be printed and written to `out`. If not, says so on `errors`. A
+  // pipe that its reader has closed, as head does, is no failure.
   bool Flush();
 
  private:

@@ -30,6 +30,7 @@
 #include "client/plot/recordings_plot.h"
 #include "client/plot/share_plot.h"
 #include "model/data/dataset_folder.h"
+#include "model/data/recording_split.h"
 #include "model/machine/usable_cores.h"
 #include "model/tags/tag_query.h"
 

@@ -6,6 +6,7 @@
 #include <ostream>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "client/cli/action_titles.h"
 #include "client/cli/commands.h"
 #include "client/cli/json_files.h"
@@ -250,8 +251,8 @@ void PrintDistributions(const Predictions& predictions, double horizon, const st
       if (target.has_error() || target.distributions_size() > 0) continue;
       environment.err
           << Printable(TargetName(prediction.scenario_id(), target.target_id()))
-          << ": no action is as probable as was asked for; give --top-k 1, or a smaller "
-             "--min-probability than 0.05\n";
+          << ": no action is as probable as was asked for (5 % by default); give --top-k 1 or a "
+             "smaller --min-probability\n";
     }
   }
 }

@@ -578,7 +578,8 @@ Estimate EstimateOf(const Statistics& statistics, const std::string& group) {
       3.0 / static_cast<double>(std::max<int64_t>(1, statistics.scenes)) / kNormal95;
   const auto known = statistics.groups.find(group);
   if (known == statistics.groups.end()) return {0.0, unseen};
-  const auto& [share, error] = std::pair(known->second.share, known->second.share_error);
+  const double share = known->second.share;
+  const double error = known->second.share_error;
   // A single recording has no spread, and neither have shares that are all 1.
   const bool is_unknown = statistics.scenes < 2 || share >= 1.0;
   return {share, is_unknown ? std::max(error, unseen) : error};

@@ -106,8 +106,8 @@ class TerminationSignals {
     pthread_sigmask(SIG_BLOCK, &signals_, nullptr);
     // A reader of the log that goes away does not take the server with it.
     signal(SIGPIPE, SIG_IGN);
-    // If it is ignored, as whoever started this process may have left it, nobody learns how trainers
-    // end.
+    // The parent process may have set it to be ignored. Then the kernel reaps trainers, and the server
+    // cannot learn how they ended.
     signal(SIGCHLD, SIG_DFL);
   }
 

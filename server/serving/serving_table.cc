@@ -495,8 +495,9 @@ absl::StatusOr<ModelVersionName> ServingTable::Publish(const std::string& model,
   const auto load = [&](const ModelVersionName& next)
                         ABSL_EXCLUSIVE_LOCKS_REQUIRED(change_mutex_) -> absl::Status {
     auto loaded = LoadFolder(next, finished);
-    if (loaded.ok()) handle = *std::move(loaded);
-    return loaded.status();
+    absl::Status status = loaded.status();
+    if (status.ok()) handle = *std::move(loaded);
+    return status;
   };
   const auto name = versions_.Publish(model, finished, maker, load);
   if (!name.ok()) return name.status();

@@ -322,7 +322,9 @@ class Caller:
         if not names:
             return
         name, action = self.random.choice(names), self.random.randrange(3)
-        label = self.random.choice(["", "left", "right", "straight", f"name {self.random.randrange(1000)}"])
+        # Names of a version differ.
+        label = self.random.choice(["", f"left {action}", f"right {action}", f"straight {action}",
+                                    f"name {action}-{self.random.randrange(1000)}"])
         self.attempt(f"label {name} {action} {label!r}", lambda: self.client().label_action(name, action, label),
                      (self.labels[name, action], label))
 

@@ -177,7 +177,9 @@ class Soak:
     def swap(self):
         version = self.served[self.done["swap"] % 2]
         self._client.set_model_alias("models/served/aliases/serving", version)
-        self._client.label_action(version, self.random.randrange(12), f"label {self.random.randrange(9)}")
+        action = self.random.randrange(12)
+        # Names of a version differ.
+        self._client.label_action(version, action, f"label {action}-{self.random.randrange(9)}")
         return 0.5
 
     def learn(self):
