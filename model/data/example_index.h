@@ -39,7 +39,7 @@ struct Example {
 //     are possible (scene::IsPhysicallyPossible);
 //   - a past: a state at the oldest of the history_frames, within half a frame interval, and no gap
 //     (scene::ObservationWindow::max_gap) since then;
-//   - a future without gaps over the whole horizon;
+//   - a future without gaps at its waypoints;
 //   - no step in that time faster than max_speed (if above 0) or than its type can move
 //     (MostSpeed): a faster one is a tracking error.
 // A target is standing if all its waypoints lie within standing_distance of its position. This is a

@@ -36,7 +36,6 @@ absl::StatusOr<RecordingIndex> RecordingIndex::Open(const std::filesystem::path&
   if (!manifest.ok()) return manifest.status();
   RecordingIndex all;
   all.folder_ = folder;
-  all.entries_.reserve(static_cast<size_t>(manifest->recordings()));
   for (const v1::Shard& shard : manifest->shards()) {
     if (shard.content() != v1::SHARD_CONTENT_SCENARIOS) continue;
     if (absl::Status status = all.Add(shard, report); !status.ok()) return status;

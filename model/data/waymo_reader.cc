@@ -5,7 +5,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <cstdlib>
+#include <iterator>
 #include <map>
 #include <set>
 #include <string>
@@ -14,6 +16,7 @@
 #include "model/data/agent_size.h"
 #include "model/data/lane_links.h"
 #include "model/files/digest.h"
+#include "model/scene/scenario_validation.h"
 #include "waymo_scenario.pb.h"
 
 namespace maneuver::data {
@@ -235,6 +238,21 @@ absl::Status Check(const waymo::Scenario& recording) {
     }
   }
   if (times.empty()) return absl::InvalidArgumentError("the scenario has no timestamps");
+  // Before the scenario's own check: AddSignals looks at each lane at each time.
+  const scene::ScenarioLimits limits;
+  if (times.size() > limits.max_states_per_agent) {
+    return absl::InvalidArgumentError(absl::StrCat(
+        "timestamps_seconds has ", times.size(), " times; at most ", limits.max_states_per_agent));
+  }
+  std::set<int64_t> lanes;
+  for (const auto& shown : recording.dynamic_map_states()) {
+    for (const auto& lane_state : shown.lane_states()) lanes.insert(lane_state.lane());
+  }
+  if (std::ssize(lanes) > limits.max_traffic_signals) {
+    return absl::InvalidArgumentError(absl::StrCat("dynamic_map_states has signals of ",
+                                                   lanes.size(), " lanes; at most ",
+                                                   limits.max_traffic_signals));
+  }
   for (int i = 0; i < recording.tracks_size(); ++i) {
     if (recording.tracks(i).states_size() != times.size()) {
       return absl::InvalidArgumentError(

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <iterator>
 #include <optional>
 #include <set>
 #include <utility>
@@ -126,6 +127,10 @@ absl::Status AddRow(const std::array<std::string, kColumns.size()>& fields, int6
     return RowError(
         row, absl::StrCat("OBJECT_TYPE ", QuotedText(type), " of track ", QuotedText(track_id),
                           " was ", track->second.type, " before"));
+  }
+  if (std::ssize(track->second.fixes) == limits.max_states_per_agent) {
+    return RowError(row, absl::StrCat("track ", QuotedText(track_id), " has more than ",
+                                      limits.max_states_per_agent, " rows"));
   }
   track->second.fixes.push_back(fix);
   return absl::OkStatus();

@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "model/data/commonroad/lanelet_map.h"
@@ -26,6 +27,9 @@ using pugi::xml_node;
 constexpr double kPast = 1.0;          // seconds of a recording before its prediction time
 constexpr int kMostSteps = 10'000;     // of a traffic light that are read
 constexpr double kMostDuration = 1e9;  // of what a traffic light shows, steps
+// What is checked here is checked again with the scenario. But a file of some kilobytes must not
+// become gigabytes before that.
+constexpr scene::ScenarioLimits kLimits;
 
 // Reads elements and keeps the first error, wherever it is found. Throws nothing.
 class Reading {
@@ -83,18 +87,22 @@ v1::AgentType TypeOf(const std::string& type) {
   return found == kTypes.end() ? v1::AGENT_TYPE_OTHER : found->second;
 }
 
-// The box around a shape that is given relative to the obstacle's position, metres.
+// The box around points, metres.
 struct Box {
-  double left = 0.0, right = 0.0, back = 0.0, front = 0.0;
+  double left = -HUGE_VAL, right = HUGE_VAL, back = HUGE_VAL, front = -HUGE_VAL;
   void Add(double x, double y) {
     back = std::min(back, x);
     front = std::max(front, x);
     right = std::min(right, y);
     left = std::max(left, y);
   }
+  MapPoint Center() const { return {0.5 * (back + front), 0.5 * (right + left)}; }
 };
 
-void AddShape(const xml_node& shape, const std::string& what, Reading& reading, v1::Agent* agent) {
+// Sets the size of the box around a shape that is given relative to the obstacle's position.
+// Returns the box's centre, relative to the same.
+MapPoint AddShape(const xml_node& shape, const std::string& what, Reading& reading,
+                  v1::Agent* agent) {
   Box box;
   for (const xml_node& part : shape.children()) {
     const std::string name = part.name();
@@ -125,9 +133,13 @@ void AddShape(const xml_node& shape, const std::string& what, Reading& reading, 
       for (const MapPoint& point : reading.Points(part, what)) box.Add(point.x, point.y);
     }
   }
-  if (box.front <= box.back || box.left <= box.right) reading.Fail(what + " has no extent");
+  if (!(box.front > box.back && box.left > box.right)) {
+    reading.Fail(what + " has no extent");
+    return {};
+  }
   agent->set_length(box.front - box.back);
   agent->set_width(box.left - box.right);
+  return box.Center();
 }
 
 // Returns the position of a state: a point, or the centre of an area. Returns nothing if it is
@@ -140,11 +152,17 @@ std::optional<MapPoint> PlaceOf(const xml_node& position, const std::string& wha
       return reading.Point(center, what);
     }
   }
+  if (const xml_node polygon = position.child("polygon")) {
+    Box box;
+    for (const MapPoint& point : reading.Points(polygon, what)) box.Add(point.x, point.y);
+    if (box.front >= box.back) return box.Center();
+  }
   return std::nullopt;
 }
 
-void AddState(const xml_node& state, double step, const std::string& what, Reading& reading,
-              v1::Agent* agent) {
+//   center: of the obstacle's box, relative to its position
+void AddState(const xml_node& state, double step, const MapPoint& center, const std::string& what,
+              Reading& reading, v1::Agent* agent) {
   const std::optional<MapPoint> place =
       PlaceOf(state.child("position"), what + ": position", reading);
   const std::optional<double> time = reading.Value(state.child("time"), what + ": time");
@@ -155,8 +173,8 @@ void AddState(const xml_node& state, double step, const std::string& what, Readi
   v1::AgentState* added = agent->add_states();
   added->set_time(*time * step);
   if (!std::isfinite(added->time())) reading.Fail(what + ": time is beyond any clock");
-  added->set_x(place->x);
-  added->set_y(place->y);
+  added->set_x(place->x + std::cos(heading) * center.x - std::sin(heading) * center.y);
+  added->set_y(place->y + std::sin(heading) * center.x + std::cos(heading) * center.y);
   added->set_heading(static_cast<float>(std::remainder(heading, 2.0 * M_PI)));
   added->set_velocity_x(static_cast<float>(speed * std::cos(heading)));
   added->set_velocity_y(static_cast<float>(speed * std::sin(heading)));
@@ -187,13 +205,18 @@ void AddObstacles(const xml_node& root, double step, Reading& reading, v1::Scena
     agent.set_type(TypeOf(obstacle.child("type").text().as_string()));
     const xml_node shape =
         obstacle.child("shape") ? obstacle.child("shape") : obstacle.child("Shape");
-    AddShape(shape, what + ": shape", reading, &agent);
-    AddState(obstacle.child("initialState"), step, what + ": initialState", reading, &agent);
+    const MapPoint center = AddShape(shape, what + ": shape", reading, &agent);
+    AddState(obstacle.child("initialState"), step, center, what + ": initialState", reading,
+             &agent);
     for (const xml_node& state : obstacle.child("trajectory").children("state")) {
-      AddState(state, step, what + ": state of its trajectory", reading, &agent);
+      AddState(state, step, center, what + ": state of its trajectory", reading, &agent);
     }
     if (!reading.ok()) return;
     if (agent.states().empty()) continue;
+    if (scenario->agents_size() == kLimits.max_agents) {
+      reading.Fail(absl::StrCat("more than ", kLimits.max_agents, " obstacles"));
+      return;
+    }
     last_step = std::max(last_step, std::round(agent.states().rbegin()->time() / step));
     if (IsStatic(obstacle)) standing.insert(agent.id());
     *scenario->add_agents() = std::move(agent);
@@ -203,7 +226,7 @@ void AddObstacles(const xml_node& root, double step, Reading& reading, v1::Scena
     const v1::AgentState stands = agent.states(0);
     const double first_step = std::round(stands.time() / step);
     const double left = last_step - first_step;  // no number if both are infinite
-    const int most = scene::ScenarioLimits().max_states_per_agent - 1;
+    const int most = kLimits.max_states_per_agent - 1;
     const int steps = left > 0.0 ? static_cast<int>(std::min<double>(left, most)) : 0;
     for (int i = 1; i <= steps; ++i) {
       *agent.add_states() = stands;
@@ -250,7 +273,7 @@ std::vector<int64_t> References(const xml_node& lanelet, const char* name) {
 // Returns the speed limits of 2020a, by the id of the traffic sign that states them. The sign's
 // additional value is in metres per second.
 std::map<std::string, double> SpeedSigns(const xml_node& root) {
-  static const std::set<std::string> kMaximumSpeed = {"274", "R2-1"};
+  static const std::set<std::string> kMaximumSpeed = {"274", "R2-1", "r301"};
   std::map<std::string, double> limits;
   for (const xml_node& sign : root.children("trafficSign")) {
     for (const xml_node& element : sign.children("trafficSignElement")) {
@@ -270,6 +293,10 @@ std::vector<Lanelet> ReadLanelets(const xml_node& root, Reading& reading) {
   std::vector<Lanelet> lanelets;
   for (const xml_node& node : root.children("lanelet")) {
     const std::string what = absl::StrCat("lanelet ", node.attribute("id").as_string());
+    if (std::ssize(lanelets) == kLimits.max_map_features) {
+      reading.Fail(absl::StrCat("more than ", kLimits.max_map_features, " lanelets"));
+      return lanelets;
+    }
     Lanelet& lanelet = lanelets.emplace_back();
     lanelet.id = reading.Id(node, "id", what);
     lanelet.kind = KindOf(node);
@@ -328,21 +355,49 @@ std::vector<v1::TrafficSignalReading> ReadingsOf(const xml_node& light, int last
   if (cycle.empty() || !reading.ok()) return readings;
   const bool active = light.child("active").text().as_bool(true);
   const int64_t offset = light.child("cycle").child("timeOffset").text().as_llong(0) % length;
-  for (int i = 0; i <= last; ++i) {
-    int64_t within = (((i - offset) % length) + length) % length;
-    size_t element = 0;
-    while (within >= cycle[element].first) within -= cycle[element++].first;
+  int64_t left = ((-offset % length) + length) % length;  // steps into the cycle, then into element
+  size_t element = 0;
+  while (left >= cycle[element].first) left -= cycle[element++].first;
+  for (int64_t i = 0; i <= last;
+       i += cycle[element].first - left, left = 0, element = (element + 1) % cycle.size()) {
     const v1::TrafficSignalState state =
         active ? cycle[element].second : v1::TRAFFIC_SIGNAL_STATE_UNSPECIFIED;
     if (!readings.empty() && readings.back().state() == state) continue;
-    readings.emplace_back().set_time(i * step);
+    if (std::ssize(readings) == kLimits.max_readings_per_signal) {
+      reading.Fail(
+          absl::StrCat(what, " changes more than ", kLimits.max_readings_per_signal, " times"));
+      return {};
+    }
+    readings.emplace_back().set_time(static_cast<double>(i) * step);
     readings.back().set_state(state);
   }
   return readings;
 }
 
-// Gives each lanelet with lights one signal: the light for going straight, otherwise the first
-// light.
+// Where a lane leads, in the words of a traffic light's direction.
+std::string TurnOf(const v1::MapFeature& lane) {
+  constexpr double kTurn = M_PI / 6.0;
+  const int last = lane.x_size() - 1;
+  const double before = std::atan2(lane.y(1) - lane.y(0), lane.x(1) - lane.x(0));
+  const double after = std::atan2(lane.y(last) - lane.y(last - 1), lane.x(last) - lane.x(last - 1));
+  const double turn = std::remainder(after - before, 2.0 * M_PI);
+  return turn > kTurn ? "left" : turn < -kTurn ? "right" : "straight";
+}
+
+// Returns the light, of those before a lane, that is for who drives on it: the first whose
+// direction says so, otherwise the first for going straight, otherwise the first.
+xml_node LightFor(const std::string& turn, const std::vector<xml_node>& lights) {
+  for (const std::string& wanted : {turn, std::string("straight")}) {
+    for (const xml_node& light : lights) {
+      const std::string direction =
+          absl::AsciiStrToLower(light.child("direction").text().as_string("all"));
+      if (direction == "all" || direction.find(wanted) != direction.npos) return light;
+    }
+  }
+  return lights.front();
+}
+
+// Adds what the lights show to the lanes after the lanelets that refer to them.
 void AddSignals(const xml_node& root, double step, Reading& reading, v1::Scenario* scenario) {
   double end = 0.0;
   for (const v1::Agent& agent : scenario->agents()) {
@@ -354,23 +409,38 @@ void AddSignals(const xml_node& root, double step, Reading& reading, v1::Scenari
     lights[light.attribute("id").as_string()] = light;
   }
   if (lights.empty()) return;
+  std::map<int64_t, const v1::MapFeature*> lanes;
+  for (const v1::MapFeature& feature : scenario->map_features()) {
+    if (feature.id() != 0 && feature.x_size() >= 2) lanes.emplace(feature.id(), &feature);
+  }
+  std::map<std::string, std::vector<v1::TrafficSignalReading>> shown;  // by light
+  std::set<std::pair<int64_t, std::string>> added;                     // lanes and their lights
   for (const xml_node& lanelet : root.children("lanelet")) {
-    xml_node shown;
+    std::vector<xml_node> here;
     for (const xml_node& reference : lanelet.children("trafficLightRef")) {
       const auto found = lights.find(reference.attribute("ref").as_string());
-      if (found == lights.end()) continue;
-      const std::string direction = found->second.child("direction").text().as_string("all");
-      const bool straight = direction == "all" || direction.find("traight") != direction.npos;
-      if (!shown || straight) shown = found->second;
-      if (straight) break;
+      if (found != lights.end()) here.push_back(found->second);
     }
-    if (!shown) continue;
-    v1::TrafficSignal signal;
-    signal.set_lane_id(reading.Id(lanelet, "id", "lanelet"));
-    for (v1::TrafficSignalReading& each : ReadingsOf(shown, last, step, reading)) {
-      *signal.add_readings() = std::move(each);
+    const auto before = lanes.find(reading.Id(lanelet, "id", "lanelet"));
+    if (here.empty() || before == lanes.end()) continue;
+    for (const int64_t id : before->second->successor_ids()) {
+      const auto lane = lanes.find(id);
+      if (lane == lanes.end()) continue;
+      const xml_node light = LightFor(TurnOf(*lane->second), here);
+      const std::string light_id = light.attribute("id").as_string();
+      if (!added.emplace(id, light_id).second) continue;
+      if (!shown.contains(light_id)) shown[light_id] = ReadingsOf(light, last, step, reading);
+      const std::vector<v1::TrafficSignalReading>& readings = shown[light_id];
+      if (!reading.ok()) return;
+      if (readings.empty()) continue;
+      if (scenario->traffic_signals_size() == kLimits.max_traffic_signals) {
+        reading.Fail(absl::StrCat("lights at more than ", kLimits.max_traffic_signals, " lanes"));
+        return;
+      }
+      v1::TrafficSignal* const signal = scenario->add_traffic_signals();
+      signal->set_lane_id(id);
+      signal->mutable_readings()->Add(readings.begin(), readings.end());
     }
-    if (!signal.readings().empty()) *scenario->add_traffic_signals() = std::move(signal);
   }
 }
 

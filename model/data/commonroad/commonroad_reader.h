@@ -16,14 +16,20 @@ namespace maneuver::data {
 //
 // Keeps obstacles that have a position at any time. An obstacle's states are its initial state and
 // its trajectory; its velocity points along its heading. The state of a static obstacle is repeated
-// at each of the first 10,000 steps of the scenario. An interval counts as its middle, an area in
-// place of a position as its centre, and a shape other than a rectangle as the box around it.
-// Lanelets become centrelines, lines and edges as lanelet_map.h says. A lanelet that refers to
-// traffic lights gets one signal, with the readings of the light's cycle: of the first light for
-// going straight, or of the first one if there is none.
+// at each later step of the scenario, up to ScenarioLimits::max_states_per_agent states. An
+// interval counts as its middle, and an area in place of a position as its centre. A shape counts
+// as the box around it, and the box's centre as the obstacle's place.
+// Lanelets become centrelines, lines and edges as lanelet_map.h says.
+//
+// A traffic light stands at the end of the lanelets that refer to it. So it controls their
+// successors, as signals do in a Scenario: each gets the readings of the light's cycle over the
+// first 10,000 steps. Of several lights before it, that is the first for its own turn (more than
+// 30 degrees to a side) or for all, otherwise the first for going straight, otherwise the first.
+// The light of a lanelet without successors is left out.
 //
 // INVALID_ARGUMENT, with the element, if it is not XML or not a CommonRoad scenario, has another
-// version, has no such obstacles, or an element that is required is missing or wrong.
+// version, has no such obstacles, more of something than ScenarioLimits allow, or an element that
+// is required is missing or wrong.
 absl::StatusOr<v1::Scenario> ParseCommonRoad(std::string_view xml);
 
 }  // namespace maneuver::data

@@ -13,11 +13,11 @@ namespace maneuver::data {
 namespace {
 
 // Distance beside a bound at which other lanelets are searched, to tell whether the bound is an
-// edge of the road; also the longest piece of a bound that is tested at once, metres.
+// edge of the road; also the longest piece of a bound that is tested at once, metres. Pieces are
+// longer if the bounds would have more of them: no roads are so long, but a file may say so.
 constexpr double kBeside = 0.3;
 constexpr double kPiece = 2.0;
-// Of one segment of a bound. No road has one so long; a file may say so.
-constexpr double kMostPieces = 10'000.0;
+constexpr double kMostPieces = 100'000.0;  // of all bounds, beyond one for each segment
 
 double Distance(const MapPoint& a, const MapPoint& b) { return std::hypot(b.x - a.x, b.y - a.y); }
 
@@ -91,8 +91,9 @@ v1::MapFeature Feature(v1::MapFeatureType type, const Polyline& line) {
 
 // Appends to `features` the parts of a lanelet's bound beside which no other lanelet lies.
 //   side: 1 for the left bound, -1 for the right one.
-void AddEdges(const Polyline& bound, double side, size_t own, const std::vector<Area>& areas,
-              std::vector<v1::MapFeature>* features) {
+//   longest: piece that is tested at once, metres
+void AddEdges(const Polyline& bound, double side, double longest, size_t own,
+              const std::vector<Area>& areas, std::vector<v1::MapFeature>* features) {
   Polyline run;
   const auto end_run = [&] {
     if (run.size() >= 2) features->push_back(Feature(v1::MAP_FEATURE_TYPE_ROAD_EDGE, run));
@@ -100,8 +101,8 @@ void AddEdges(const Polyline& bound, double side, size_t own, const std::vector<
   };
   for (size_t i = 1; i < bound.size(); ++i) {
     const double length = Distance(bound[i - 1], bound[i]);
-    if (!(length > 0.0)) continue;
-    const int pieces = static_cast<int>(std::clamp(std::ceil(length / kPiece), 1.0, kMostPieces));
+    if (!(length > 0.0 && std::isfinite(length))) continue;
+    const int pieces = static_cast<int>(std::clamp(std::ceil(length / longest), 1.0, kMostPieces));
     const MapPoint beside = {-side * (bound[i].y - bound[i - 1].y) / length * kBeside,
                              side * (bound[i].x - bound[i - 1].x) / length * kBeside};
     for (int k = 0; k < pieces; ++k) {
@@ -127,6 +128,17 @@ void AddEdges(const Polyline& bound, double side, size_t own, const std::vector<
     }
   }
   end_run();
+}
+
+// Returns how long the pieces of bounds are that AddEdges tests at once, metres.
+double LongestPiece(const std::vector<Lanelet>& lanelets) {
+  double total = 0.0;
+  for (const Lanelet& lanelet : lanelets) {
+    for (const Polyline* bound : {&lanelet.left, &lanelet.right}) {
+      for (size_t i = 1; i < bound->size(); ++i) total += Distance((*bound)[i - 1], (*bound)[i]);
+    }
+  }
+  return std::max(kPiece, total / kMostPieces);
 }
 
 // Returns the successors of each lanelet, declared by itself or by its successor, without
@@ -164,6 +176,7 @@ std::vector<v1::MapFeature> MapOf(const std::vector<Lanelet>& lanelets) {
   std::vector<Area> areas;
   std::set<std::pair<int64_t, int64_t>> drawn;  // pairs whose common bound is drawn
   for (const Lanelet& lanelet : lanelets) areas.emplace_back(lanelet);
+  const double longest = LongestPiece(lanelets);
   std::map<int64_t, std::vector<int64_t>> successors = SuccessorsOf(lanelets);
   for (size_t i = 0; i < lanelets.size(); ++i) {
     const Lanelet& lanelet = lanelets[i];
@@ -189,7 +202,7 @@ std::vector<v1::MapFeature> MapOf(const std::vector<Lanelet>& lanelets) {
       const std::optional<int64_t>& beside =
           side > 0.0 ? lanelet.beside_left : lanelet.beside_right;
       if (!beside) {
-        AddEdges(bound, side, i, areas, &features);
+        AddEdges(bound, side, longest, i, areas, &features);
       } else if (drawn.insert(std::minmax(lanelet.id, *beside)).second) {
         features.push_back(Feature(v1::MAP_FEATURE_TYPE_ROAD_LINE, bound));
       }

@@ -33,8 +33,8 @@ struct ExpansionMap {
 //     painted, and is left out;
 //   - ped_crossing as crosswalks;
 //   - stop_line as stop lines. The format has an area, whose closed outline becomes the line;
-//   - drivable_area as road edges, in pieces of at most 50 m: outlines and holes, without edges
-//     that two areas share.
+//   - drivable_area as road edges: outlines and holes, without edges that two areas share. A piece
+//     ends at the first node at or beyond 50 m.
 // road_segment, road_block, walkway, carpark_area and traffic_light are not read: a scenario has no
 // place for the first four, and the last says where lights are, never what they show.
 //

@@ -71,7 +71,7 @@ class TableReader {
       const absl::Status status = ReadTable(kTables[i], adds[i]);
       if (!status.ok()) return status;
     }
-    CheckAnnotations();
+    if (absl::Status status = CheckAnnotations(); !status.ok()) return status;
     CheckPoses();
     std::vector<NuScenesScene> scenes;
     for (Scene& scene : scenes_) scenes.push_back(std::move(scene.scene));
@@ -261,13 +261,21 @@ class TableReader {
                                place[0], place[1], heading});
   }
 
-  void CheckAnnotations() {
+  // Returns what `damaged_` says of an instance without annotations, which belongs to no scene.
+  absl::Status CheckAnnotations() {
     for (const Instance& instance : instances_) {
-      if (!instance.scene || instance.annotations == instance.announced) continue;
-      Damage(*instance.scene, absl::StrCat("sample_annotation.json has ", instance.annotations,
-                                           " annotations of instance ", QuotedText(instance.token),
-                                           ", where instance.json announces ", instance.announced));
+      if (instance.annotations == instance.announced) continue;
+      if (!instance.scene && instance.category.empty()) continue;  // its own row was damaged
+      const std::string damage = absl::StrCat(
+          "sample_annotation.json has ", instance.annotations, " annotations of instance ",
+          QuotedText(instance.token), ", where instance.json announces ", instance.announced);
+      if (instance.scene) {
+        Damage(*instance.scene, damage);
+      } else if (absl::Status status = damaged_(absl::DataLossError(damage)); !status.ok()) {
+        return status;
+      }
     }
+    return absl::OkStatus();
   }
 
   void AddSensor(const JsonRow& row) { Store(row, row.Text("channel") == kLidar, &is_lidar_); }

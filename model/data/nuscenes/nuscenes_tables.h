@@ -24,7 +24,8 @@ absl::StatusOr<double> SizeOfNuScenes(const std::filesystem::path& folder);
 // A fault in the rows of one scene is stored as the scene's `damage`: a field is missing or wrong,
 // a token does not exist, or scene.json or instance.json states a wrong number of rows. Links from
 // row to row (prev, next) are not followed.
-//   damaged: called for each damaged row that belongs to no scene. If it returns OK, the row is
+//   damaged: called for each damaged row, and for each instance without any of the annotations that
+//   it announces, that belongs to no scene. If it returns OK, the row is
 //   left out. Otherwise reading ends with its status.
 //   progress: called now and then with the number of bytes read so far, over all tables
 // Also returns NOT_FOUND if a table is missing, and DATA_LOSS with file and byte if one is not

@@ -1,6 +1,7 @@
 #include "model/data/recording_index.h"
 
 #include <gmock/gmock.h>
+#include <google/protobuf/util/json_util.h>
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -162,6 +163,17 @@ TEST_F(RecordingIndexTest, RefusesToIndexADamagedShard) {
   const absl::Status status = Open().status();
   EXPECT_EQ(status.code(), absl::StatusCode::kDataLoss);
   EXPECT_THAT(std::string(status.message()), HasSubstr("scenarios-00000.tfrecord has SHA-256"));
+}
+
+TEST_F(RecordingIndexTest, AManifestWithAnAbsurdCountIsDamaged) {
+  v1::Dataset manifest = *ReadDatasetManifest(folder_);
+  const int64_t absurd = 4'000'000'000'000'000'000;
+  manifest.mutable_shards(0)->set_records(absurd);
+  manifest.set_recordings(absurd + kRecordings - 2);
+  std::string json;
+  ASSERT_TRUE(google::protobuf::util::MessageToJsonString(manifest, &json).ok());
+  WriteBytes(folder_ / "dataset.json", json);
+  EXPECT_EQ(Open().status().code(), absl::StatusCode::kDataLoss) << Open().status();
 }
 
 }  // namespace

@@ -5,6 +5,8 @@
 
 #include <cmath>
 #include <limits>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "model/scene/scenario_validation.h"
@@ -14,6 +16,7 @@ namespace maneuver::data::waymo_reader_test {
 namespace {
 
 using testing::ElementsAre;
+using testing::HasSubstr;
 using testing::IsEmpty;
 using testing::MatchesRegex;
 
@@ -292,6 +295,26 @@ TEST(WaymoReaderTest, RefusesBytesThatAreNotARecording) {
   Wire unordered = Wire().Double(1, 0.1).Double(1, 0.1).Varint(10, 0);
   unordered.Message(2, Track(1, 1, {State(1, 1), State(1, 1)}));
   EXPECT_EQ(code(unordered.bytes()), kInvalid) << "time stands still";
+}
+
+TEST(WaymoReaderTest, RefusesMoreTimesOrSignalsThanAScenarioMayHave) {
+  Wire long_recording;
+  Wire track = Wire().Varint(1, 1).Varint(2, 1);
+  for (int i = 0; i <= scene::ScenarioLimits().max_states_per_agent; ++i) {
+    long_recording.Double(1, 0.1 * i);
+    track.Message(3, State(1, 1));
+  }
+  const auto many_times = ParseWaymoScenario(long_recording.Message(2, track).bytes());
+  EXPECT_THAT(std::string(many_times.status().message()),
+              HasSubstr("timestamps_seconds has 2001 times; at most 2000"));
+  std::vector<std::pair<int, int>> lit;
+  for (int lane = 0; lane <= scene::ScenarioLimits().max_traffic_signals; ++lane) {
+    lit.emplace_back(lane + 1, 4);
+  }
+  const auto many_signals =
+      ParseWaymoScenario(Recording({MovingTrack(1)}).Message(7, Signals(lit)).bytes());
+  EXPECT_THAT(std::string(many_signals.status().message()),
+              HasSubstr("signals of 2001 lanes; at most 2000"));
 }
 
 }  // namespace

@@ -146,6 +146,18 @@ TEST(ArgoverseReaderTest, NamesTheRowAndTheColumnThatAreWrong) {
               HasSubstr("lacks the column TIMESTAMP"));
 }
 
+TEST(ArgoverseReaderTest, RefusesATrackWithMoreRowsThanAScenarioMayHave) {
+  std::string rows;
+  for (int i = 0; i <= scene::ScenarioLimits().max_states_per_agent; ++i) {
+    rows += std::to_string(1.0 + 1e-5 * i) + ",many,OTHERS,0,0,PIT\n";
+  }
+  const std::string row = kFirstRow;
+  const auto parsed =
+      ParseArgoverse(absl::StrReplaceAll(ArgoverseSequence(), {{row, rows + row}}), "1", nullptr);
+  EXPECT_THAT(std::string(parsed.status().message()),
+              HasSubstr("row 2002: track 'many' has more than 2000 rows"));
+}
+
 TEST(ArgoverseReaderTest, AnyTruncationOrChangedByteIsRefusedOrGivesAValidScenario) {
   const std::string whole = ArgoverseSequence();
   std::mt19937 random(26);

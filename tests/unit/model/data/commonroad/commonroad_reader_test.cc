@@ -128,6 +128,13 @@ TEST(CommonRoadTest, TakesTheMiddleOfAnIntervalAndTheCentreOfAnArea) {
   EXPECT_DOUBLE_EQ(state.x(), 3.0);
   EXPECT_DOUBLE_EQ(state.y(), 4.0);
   EXPECT_FLOAT_EQ(state.velocity_x(), 5.0F);
+  const v1::Scenario polygon = Parse(File(
+      "2020a", "<dynamicObstacle id=\"1\"><type>car</type>" + kCarShape +
+                   "<initialState><position><polygon><point><x>2</x><y>1</y></point>"
+                   "<point><x>6</x><y>1</y></point><point><x>6</x><y>4</y></point></polygon>"
+                   "</position><time><exact>0</exact></time></initialState></dynamicObstacle>"));
+  EXPECT_DOUBLE_EQ(polygon.agents(0).states(0).x(), 4.0);
+  EXPECT_DOUBLE_EQ(polygon.agents(0).states(0).y(), 2.5);
 }
 
 TEST(CommonRoadTest, AnyShapeBecomesTheBoxAroundIt) {
@@ -146,6 +153,30 @@ TEST(CommonRoadTest, AnyShapeBecomesTheBoxAroundIt) {
           "</orientation></rectangle>");
   EXPECT_NEAR(length, 2.0, 1e-9);
   EXPECT_NEAR(width, 4.0, 1e-9);
+}
+
+TEST(CommonRoadTest, AnObstacleIsWhereTheCentreOfItsBoxIs) {
+  const auto agent = [](const std::string& shape, double heading) {
+    return Parse(File("2020a", "<dynamicObstacle id=\"1\"><type>car</type><shape>" + shape +
+                                   "</shape>" + State("initialState", 0, 10.0, 20.0, heading, 0.0) +
+                                   "</dynamicObstacle>"))
+        .agents(0);
+  };
+  const std::string behind =
+      "<rectangle><length>4</length><width>2</width><center><x>5</x><y>0</y></center></rectangle>";
+  const v1::Agent ahead = agent(behind, 0.0);
+  EXPECT_DOUBLE_EQ(ahead.length(), 4.0);
+  EXPECT_DOUBLE_EQ(ahead.states(0).x(), 15.0);
+  EXPECT_DOUBLE_EQ(ahead.states(0).y(), 20.0);
+  const v1::Agent north = agent(behind, 1.5707963);
+  EXPECT_NEAR(north.states(0).x(), 10.0, 1e-5);
+  EXPECT_NEAR(north.states(0).y(), 25.0, 1e-5);
+  const v1::Agent polygon = agent(
+      "<polygon><point><x>-1</x><y>-0.5</y></point><point><x>2</x><y>0</y></point>"
+      "<point><x>0</x><y>1</y></point></polygon>",
+      0.0);
+  EXPECT_DOUBLE_EQ(polygon.states(0).x(), 10.5);
+  EXPECT_DOUBLE_EQ(polygon.states(0).y(), 20.25);
 }
 
 const std::string kBounds =
@@ -205,7 +236,19 @@ TEST(CommonRoadTest, ALaneHasItsSuccessorsAndNeighborsInTheSameDirection) {
 
 // Green for 5 steps, yellow for 3, red for 10. The cycle starts at step 2, so step 0 is in the red
 // before it.
-TEST(CommonRoadTest, ALightShowsItsCycleToTheLanesThatReferToIt) {
+// Three lanelets after the one of kBounds: straight on, to the left, to the right.
+const std::string kJunction =
+    "<lanelet id=\"6\"><leftBound><point><x>50</x><y>2</y></point><point><x>80</x><y>2</y></point>"
+    "</leftBound><rightBound><point><x>50</x><y>-2</y></point><point><x>80</x><y>-2</y></point>"
+    "</rightBound></lanelet>"
+    "<lanelet id=\"7\"><leftBound><point><x>50</x><y>2</y></point><point><x>58</x><y>2</y></point>"
+    "<point><x>58</x><y>20</y></point></leftBound><rightBound><point><x>50</x><y>-2</y></point>"
+    "<point><x>62</x><y>-2</y></point><point><x>62</x><y>20</y></point></rightBound></lanelet>"
+    "<lanelet id=\"8\"><leftBound><point><x>50</x><y>2</y></point><point><x>62</x><y>2</y></point>"
+    "<point><x>62</x><y>-20</y></point></leftBound><rightBound><point><x>50</x><y>-2</y></point>"
+    "<point><x>58</x><y>-2</y></point><point><x>58</x><y>-20</y></point></rightBound></lanelet>";
+
+TEST(CommonRoadTest, ALightControlsTheLanesAfterTheLaneletsThatReferToIt) {
   const auto light = [](const std::string& id, const std::string& direction,
                         const std::string& more) {
     return "<trafficLight id=\"" + id +
@@ -217,12 +260,18 @@ TEST(CommonRoadTest, ALightShowsItsCycleToTheLanesThatReferToIt) {
   };
   const v1::Scenario scenario = Parse(
       File("2020a", DrivenCar("dynamicObstacle", "") + "<lanelet id=\"5\">" + kBounds +
+                        "<successor ref=\"6\"/><successor ref=\"7\"/><successor ref=\"8\"/>"
                         "<trafficLightRef ref=\"80\"/><trafficLightRef ref=\"81\"/></lanelet>" +
-                        light("80", "left", "<active>false</active>") +
+                        kJunction + light("80", "left", "<active>false</active>") +
                         light("81", "straightRight", "")));
-  ASSERT_EQ(scenario.traffic_signals_size(), 1);
+  ASSERT_EQ(scenario.traffic_signals_size(), 3);
   const v1::TrafficSignal& signal = scenario.traffic_signals(0);
-  EXPECT_EQ(signal.lane_id(), 5);
+  EXPECT_EQ(signal.lane_id(), 6);
+  EXPECT_EQ(scenario.traffic_signals(1).lane_id(), 7);
+  ASSERT_EQ(scenario.traffic_signals(1).readings_size(), 1);
+  EXPECT_EQ(scenario.traffic_signals(1).readings(0).state(), v1::TRAFFIC_SIGNAL_STATE_UNSPECIFIED);
+  EXPECT_EQ(scenario.traffic_signals(2).lane_id(), 8);
+  EXPECT_EQ(scenario.traffic_signals(2).readings_size(), signal.readings_size());
   std::vector<std::pair<double, v1::TrafficSignalState>> shown;
   for (const v1::TrafficSignalReading& reading : signal.readings()) {
     shown.emplace_back(std::round(reading.time() * 10.0), reading.state());
@@ -232,6 +281,31 @@ TEST(CommonRoadTest, ALightShowsItsCycleToTheLanesThatReferToIt) {
                                           std::pair(7.0, v1::TRAFFIC_SIGNAL_STATE_CAUTION),
                                           std::pair(10.0, v1::TRAFFIC_SIGNAL_STATE_STOP),
                                           std::pair(20.0, v1::TRAFFIC_SIGNAL_STATE_GO)));
+}
+
+TEST(CommonRoadTest, SmallFilesDoNotBecomeLarge) {
+  std::string parked;
+  for (int i = 0; i <= scene::ScenarioLimits().max_agents; ++i) {
+    parked += "<staticObstacle id=\"" + std::to_string(i) + "\"><type>car</type>" + kCarShape +
+              State("initialState", 0, 5.0, -2.0, 0.5, 0.0) + "</staticObstacle>";
+  }
+  const auto many = ParseCommonRoad(File("2020a", parked));
+  EXPECT_THAT(std::string(many.status().message()), HasSubstr("more than 2000 obstacles"));
+
+  std::string cycle;
+  for (int i = 0; i < 3'000; ++i) {
+    cycle += "<cycleElement><duration>1</duration><color>";
+    cycle += i % 2 == 0 ? "red" : "green";
+    cycle += "</color></cycleElement>";
+  }
+  const auto flickers = ParseCommonRoad(File(
+      "2020a", "<dynamicObstacle id=\"1\"><type>car</type>" + kCarShape +
+                   State("initialState", 10'000, 0.0, 0.0, 0.0, 0.0) +
+                   "</dynamicObstacle><lanelet id=\"5\">" + kBounds +
+                   "<successor ref=\"6\"/><trafficLightRef ref=\"80\"/></lanelet>" + kJunction +
+                   "<trafficLight id=\"80\"><cycle>" + cycle + "</cycle></trafficLight>"));
+  EXPECT_THAT(std::string(flickers.status().message()),
+              HasSubstr("trafficLight 80 changes more than 2000 times"));
 }
 
 TEST(CommonRoadTest, ErrorsNameTheElement) {
@@ -273,7 +347,9 @@ TEST(CommonRoadTest, ErrorsNameTheElement) {
     }
     light += "</cycle></trafficLight>";
     EXPECT_THAT(problem(File("2020a", car + "<lanelet id=\"5\">" + kBounds +
-                                          "<trafficLightRef ref=\"80\"/></lanelet>" + light)),
+                                          "<successor ref=\"6\"/>"
+                                          "<trafficLightRef ref=\"80\"/></lanelet>" +
+                                          kJunction + light)),
                 HasSubstr("trafficLight 80: duration"));
   }
 }

@@ -103,6 +103,16 @@ TEST(MapOfTest, ABoundThatIsAbsurdlyLongTakesABoundedTime) {
   }
 }
 
+// In pieces of 2 m, this would take 1e11 looks at a lanelet.
+TEST(MapOfTest, ManyLongBoundsTakeABoundedTime) {
+  std::vector<Lanelet> lanelets;
+  for (int i = 0; i < 1'000; ++i) {
+    lanelets.push_back(Along(i + 1, 0.0, 1e5, 10.0 * i, 10.0 * i + 4.0));
+  }
+  const auto edges = OfType(MapOf(lanelets), v1::MAP_FEATURE_TYPE_ROAD_EDGE);
+  EXPECT_EQ(edges.size(), 2'000u);
+}
+
 TEST(MapOfTest, NoEdgeRunsAcrossAJunction) {
   Lanelet north;
   north.id = 2;

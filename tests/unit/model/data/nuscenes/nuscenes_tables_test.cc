@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <numbers>
@@ -193,6 +194,14 @@ TEST_F(NuScenesTablesTest, MissingRowsAreNoticed) {
   NuScenesFixture fixture;
   fixture.tables["sample_annotation"].erase(0);
   EXPECT_THAT(Damage(fixture), HasSubstr("sample_annotation.json has 8 annotations of instance"));
+  NuScenesFixture lost;
+  auto& annotations = lost.tables["sample_annotation"];
+  const json car = Token("scene-0001/car");
+  annotations.erase(std::remove_if(annotations.begin(), annotations.end(),
+                                   [&](const json& row) { return row["instance_token"] == car; }),
+                    annotations.end());
+  EXPECT_EQ(Damage(lost), "") << "the other instances are whole";
+  EXPECT_THAT(damages_, ElementsAre(HasSubstr("json has 0 annotations of instance")));
   NuScenesFixture short_of_samples;
   short_of_samples.tables["sample"].erase(8);
   EXPECT_THAT(Damage(short_of_samples),
