@@ -93,15 +93,18 @@ std::string FindFault(const v1::ModelSpec& spec, const TensorMap& weights, bool 
   return "";
 }
 
-std::string FindFault(const StoredBaselines& baselines) {
-  const auto violations = ValidateModelSpec(baselines.spec);
-  if (!violations.empty()) {
-    return absl::StrCat("spec.", violations[0].field, ": ", violations[0].description);
-  }
+std::string FindSpecFault(const v1::ModelSpec& spec) {
+  const auto violations = ValidateModelSpec(spec);
+  if (violations.empty()) return "";
+  return absl::StrCat("spec.", violations[0].field, ": ", violations[0].description);
+}
+
+// Of weights for a valid spec.
+std::string FindWeightsFault(const StoredBaselines& baselines) {
   const std::string fault = FindFault(baselines.spec, baselines.covernet, /*regresses=*/false);
-  if (!fault.empty()) return absl::StrCat(kCovernet, ": ", fault);
+  if (!fault.empty()) return absl::StrCat(kCovernet, " ", fault);
   const std::string other = FindFault(baselines.spec, baselines.multipath, /*regresses=*/true);
-  return other.empty() ? "" : absl::StrCat(kMultipath, ": ", other);
+  return other.empty() ? "" : absl::StrCat(kMultipath, " ", other);
 }
 
 }  // namespace
@@ -123,7 +126,8 @@ v1::ModelSpec AnchorSpec(const v1::ModelSpec& model) {
 }
 
 absl::Status WriteBaselines(const fs::path& folder, const StoredBaselines& baselines) {
-  const std::string fault = FindFault(baselines);
+  std::string fault = FindSpecFault(baselines.spec);
+  if (fault.empty()) fault = FindWeightsFault(baselines);
   if (!fault.empty()) return absl::InvalidArgumentError(fault);
   TensorMap both;
   for (const auto& [name, tensor] : baselines.covernet) both[kCovernet + name] = tensor;
@@ -170,6 +174,9 @@ absl::StatusOr<StoredBaselines> ReadBaselines(const fs::path& folder) {
                                             description.format_version(), ", this reads version ",
                                             kBaselinesFormat));
   }
+  if (const std::string fault = FindSpecFault(description.spec()); !fault.empty()) {
+    return absl::DataLossError(absl::StrCat(kDescription, ": ", fault));
+  }
   const absl::StatusOr<std::string> bytes = files::ReadFile(folder / kWeights);
   if (absl::IsNotFound(bytes.status())) {
     return absl::DataLossError(absl::StrCat(kWeights, " is missing"));
@@ -182,7 +189,9 @@ absl::StatusOr<StoredBaselines> ReadBaselines(const fs::path& folder) {
                                             kDescription, " says"));
   }
   absl::StatusOr<TensorMap> both = ParseSafetensors(*bytes);
-  if (!both.ok()) return both.status();
+  if (!both.ok()) {
+    return absl::DataLossError(absl::StrCat(kWeights, ": ", both.status().message()));
+  }
   StoredBaselines baselines;
   baselines.spec = description.spec();
   for (auto& [name, tensor] : *both) {
@@ -193,7 +202,7 @@ absl::StatusOr<StoredBaselines> ReadBaselines(const fs::path& folder) {
     }
     (covernet ? baselines.covernet : baselines.multipath)[std::string(rest)] = std::move(tensor);
   }
-  const std::string fault = FindFault(baselines);
+  const std::string fault = FindWeightsFault(baselines);
   if (!fault.empty()) return absl::DataLossError(absl::StrCat(kWeights, ": ", fault));
   return baselines;
 }

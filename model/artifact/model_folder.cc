@@ -1,6 +1,7 @@
 #include "model/artifact/model_folder.h"
 
 #include <google/protobuf/util/json_util.h>
+#include <google/protobuf/util/message_differencer.h>
 
 #include <string>
 #include <system_error>
@@ -15,6 +16,8 @@
 #include "model/files/sealed_json.h"
 
 namespace maneuver::artifact {
+
+using google::protobuf::util::MessageDifferencer;
 namespace {
 
 namespace fs = std::filesystem;
@@ -137,7 +140,9 @@ absl::StatusOr<StoredModel> ReadModelFolder(const fs::path& folder) {
         sha256, ", ", kManifestFile, " says ", manifest->weights_sha256()));
   }
   absl::StatusOr<TensorMap> weights = ParseSafetensors(*bytes);
-  if (!weights.ok()) return weights.status();
+  if (!weights.ok()) {
+    return absl::DataLossError(absl::StrCat(kWeightsFile, ": ", weights.status().message()));
+  }
   const std::string fault = FindWeightFault(manifest->spec(), *weights);
   if (!fault.empty()) return absl::DataLossError(absl::StrCat(kWeightsFile, ": ", fault));
   return StoredModel{*std::move(manifest), *std::move(weights)};
@@ -149,7 +154,8 @@ absl::Status RewriteModelManifest(const fs::path& folder, const v1::ModelManifes
   const absl::StatusOr<v1::ModelManifest> current = ReadModelManifest(folder);
   if (!current.ok()) return current.status();
   if (manifest.format_version() != current->format_version() ||
-      manifest.weights_sha256() != current->weights_sha256()) {
+      manifest.weights_sha256() != current->weights_sha256() ||
+      !MessageDifferencer::Equals(manifest.spec(), current->spec())) {
     return absl::InvalidArgumentError("the manifest is not that of the weights in the folder");
   }
   const absl::StatusOr<std::string> json = ManifestToJson(manifest);

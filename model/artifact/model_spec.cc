@@ -5,6 +5,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <map>
 #include <set>
 #include <string>
 #include <utility>
@@ -212,13 +214,19 @@ void CheckMemory(const v1::ModelSpec& spec, FieldRules* rules) {
                  spec.backbone().has_residual() ? "backbone.residual" : "backbone.convolutions",
                  absl::StrCat("the largest grid has ", largest, " values; at most ", kMaxGrid));
   int64_t weights = 0;
+  std::map<std::string, int64_t> of_parts;  // by the first part of the tensors' names
   for (const auto& [name, shape] : TensorShapes(spec)) {
     int64_t count = 1;
     for (const int64_t size : shape) count *= size;
     weights += count;
+    of_parts[name.substr(0, name.find('.'))] += count;
   }
-  rules->Require(weights <= kMaxWeights, "backbone",
-                 absl::StrCat("the model has ", weights, " weights; at most ", kMaxWeights));
+  const auto largest_part =
+      std::ranges::max_element(of_parts, {}, [](const auto& part) { return part.second; });
+  rules->Require(weights <= kMaxWeights, largest_part->first,
+                 absl::StrCat("the model has ", weights, " weights, ", largest_part->second,
+                              " of them here; at most ", kMaxWeights,
+                              ": choose fewer actions or narrower layers"));
 }
 
 using Shapes = std::map<std::string, std::vector<int64_t>>;

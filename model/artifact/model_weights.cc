@@ -62,6 +62,10 @@ std::string FindWeightFault(const v1::ModelSpec& spec, const TensorMap& weights)
   if (!AllAre(weights.at("trajectory.stddev"), [](float v) { return v > 0; })) {
     return "tensor trajectory.stddev holds a standard deviation that is not positive";
   }
+  const auto factor = weights.find("scene_covariance.speed_factor");
+  if (factor != weights.end() && !AllAre(factor->second, [](float v) { return v >= 0; })) {
+    return "tensor scene_covariance.speed_factor holds a negative factor of a variance";
+  }
   const auto covariance = weights.find("decoder.covariance");
   if (covariance != weights.end() && !ArePositiveSemidefinite(covariance->second)) {
     return "tensor decoder.covariance holds a matrix that is not positive semi-definite";

@@ -3,7 +3,6 @@
 #include <omp.h>
 
 #include <algorithm>
-#include <bit>
 #include <dnnl.hpp>
 #include <optional>
 #include <span>
@@ -15,6 +14,7 @@
 #include "model/inference/backbone_step.h"
 #include "model/inference/folded_convolution.h"
 #include "model/inference/leading_layers.h"
+#include "model/kernels/bf16.h"
 
 namespace maneuver::inference {
 namespace {
@@ -42,7 +42,7 @@ class OneThread {
 };
 
 float Widen(float value) { return value; }
-float Widen(uint16_t bf16) { return std::bit_cast<float>(uint32_t{bf16} << 16); }
+float Widen(uint16_t bf16) { return kernels::FromBf16(bf16); }
 
 // The mean of each channel.
 //   grid: [h, w, C];  mean: [C]

@@ -103,7 +103,9 @@ void CellMask::SetSeen(const CellMask& input, const artifact::BackboneLayer& lay
     if (layer.stride == 1) {
       std::copy_n(seen_.begin(), words_, bits);
     } else if (layer.stride == 2) {
-      for (size_t i = 0; i < seen_.size(); ++i) {
+      // What is seen behind the last column may reach into a word that the row does not have.
+      const size_t words = std::min(seen_.size(), 2 * static_cast<size_t>(words_));
+      for (size_t i = 0; i < words; ++i) {
         bits[i / 2] |= EverySecond(seen_[i]) << (i % 2 * kBits / 2);
       }
     } else {

@@ -141,7 +141,7 @@ void SumAll(const CellProblem& problem) {
   const Figures figures = {.kernel = shape.kernel,
                            .row_values = problem.row_values,
                            .steps = shape.kernel * shape.inputs / Step::kStep,
-                           .least = shape.relu ? 0.0F : std::numeric_limits<float>::lowest()};
+                           .least = shape.relu ? 0.0F : -std::numeric_limits<float>::infinity()};
   constexpr int kCells = CellsTogether(kVectors);
   const ptrdiff_t group =
       ptrdiff_t{figures.kernel} * figures.steps * Step::kStep * kVectors * kLanes;

@@ -44,8 +44,7 @@ struct PlacedSegment {
   SegmentShape shape;
   PaintRows rows;
 };
-// Paints the parts of segments in columns 0 .. width-1, and up to kPaintLanes - 1 columns after
-// them.
+// Paints the parts of segments in columns 0 .. width-1, and up to kPaintLanes columns after them.
 void PaintSegments(std::span<const PlacedSegment> segments, int width);
 
 }  // namespace maneuver::kernels

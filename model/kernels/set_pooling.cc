@@ -105,14 +105,19 @@ void PlainPool(const float* elements, const float* scores, int count, SetShape s
       const float element = elements[i * shape.width + channel];
       sum += weight;
       pooled[channel] += weight * element;
-      pooled[shape.width + channel] = std::max(pooled[shape.width + channel], element);
+      // As vectors have it: the second of the two, if one is not a number.
+      float& maximum = pooled[shape.width + channel];
+      if (!(element < maximum)) maximum = element;
     }
     pooled[channel] /= sum;
   }
 }
 
 void PlainAddTwoAndRectify(const float* a, const float* b, int count, float* y) {
-  for (int i = 0; i < count; ++i) y[i] = std::max(0.0f, (y[i] + a[i]) + b[i]);
+  for (int i = 0; i < count; ++i) {
+    const float sum = (y[i] + a[i]) + b[i];
+    y[i] = sum < 0.0f ? 0.0f : sum;  // what is not a number stays
+  }
 }
 
 HWY_EXPORT(FastPool);

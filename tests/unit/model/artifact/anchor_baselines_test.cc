@@ -4,8 +4,11 @@
 #include <google/protobuf/util/message_differencer.h>
 #include <gtest/gtest.h>
 
+#include <string>
+
 #include "model/artifact/model_spec.h"
 #include "model/artifact/training_presets.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::artifact::anchor_baselines_test {
 namespace {
@@ -33,6 +36,15 @@ TEST(AnchorSpecTest, ReadsTheSceneLikeTheModelAndDecodesNoAction) {
     // The predictor reads the same features.
     EXPECT_EQ(SceneFeatures(spec), SceneFeatures(model)) << preset;
   }
+}
+
+TEST(ReadBaselinesTest, NamesTheFileWhoseSpecIsWrong) {
+  const TemporaryFolder folder;
+  WriteBytes(folder / "baselines.json",
+             R"({"format_version": 1, "spec": {"latent_dimensions": -2}})");
+  const auto read = ReadBaselines(folder.path());
+  EXPECT_EQ(read.status().code(), absl::StatusCode::kDataLoss);
+  EXPECT_THAT(std::string(read.status().message()), testing::StartsWith("baselines.json: spec."));
 }
 
 }  // namespace

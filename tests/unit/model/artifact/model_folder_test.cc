@@ -108,6 +108,9 @@ TEST_F(ModelFolderTest, RewritingRefusesTheManifestOfOtherWeights) {
   v1::ModelManifest manifest = ReadModelManifest(folder_).value();
   manifest.set_weights_sha256(std::string(64, '0'));
   EXPECT_EQ(RewriteModelManifest(folder_, manifest).code(), absl::StatusCode::kInvalidArgument);
+  manifest = ReadModelManifest(folder_).value();
+  manifest.mutable_spec()->mutable_trajectory()->set_waypoints(40);
+  EXPECT_EQ(RewriteModelManifest(folder_, manifest).code(), absl::StatusCode::kInvalidArgument);
   EXPECT_TRUE(ReadModelFolder(folder_).ok());
 }
 
@@ -235,7 +238,7 @@ INSTANTIATE_TEST_SUITE_P(
                  WriteBytes(folder / "weights.safetensors", bytes);
                  InManifest(sha256, files::Sha256Hex(bytes))(folder);
                },
-               "not a valid safetensors file"},
+               "weights.safetensors: not a valid safetensors file"},
         Damage{"MissingTensor", InWeights([](TensorMap* w) { w->erase("decoder.1.bias"); }),
                "decoder.1.bias is missing"},
         Damage{"UnknownTensor", InWeights([](TensorMap* w) {

@@ -70,7 +70,8 @@ INSTANTIATE_TEST_SUITE_P(
         Fault{"Scenario", "scenario_encoder { hidden: -1 }", "scenario_encoder.hidden[1]"},
         Fault{"Stddev", "decoder_stddev: -1", "decoder_stddev"},
         Fault{"TooManyWeights",
-              "actions: 256 scenario_encoder { hidden: [ 4096, 4096, 4096, 4096 ] }", "backbone"},
+              "actions: 256 scenario_encoder { hidden: [ 4096, 4096, 4096, 4096 ] }",
+              "scenario_encoder"},
         Fault{"TooLargeGrid",
               "raster { height: 512 width: 512 } backbone { convolutions { channels: 600 stride: 1 "
               "} }",

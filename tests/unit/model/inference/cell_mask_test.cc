@@ -111,7 +111,7 @@ using Shape = std::tuple<int, int, int>;  // kernel, stride, width
 class SeenCellsTest : public testing::TestWithParam<Shape> {};
 INSTANTIATE_TEST_SUITE_P(Shapes, SeenCellsTest,
                          testing::Combine(testing::Values(1, 2, 3, 5, 7), testing::Values(1, 2, 3),
-                                          testing::Values(22, 64, 65, 130)));
+                                          testing::Values(22, 64, 65, 126, 128, 130, 256)));
 
 TEST_P(SeenCellsTest, HasTheCellsWhoseKernelsMeetASetCell) {
   const auto [kernel, stride, width] = GetParam();

@@ -1,6 +1,7 @@
 // Models that read vectors, look at the lanes and predict relative to the motion, against the
 // reference's plain loops.
 
+#include <gmock/gmock.h>
 #include <google/protobuf/text_format.h>
 #include <gtest/gtest.h>
 
@@ -12,6 +13,7 @@
 #include <vector>
 
 #include "model/artifact/model_spec.h"
+#include "model/artifact/model_weights.h"
 #include "model/artifact/training_presets.h"
 #include "model/inference/action_model.h"
 #include "model/inference/backbone.h"
@@ -406,6 +408,14 @@ TEST_P(LanesModelTest, AModelWithoutARasterReadsNone) {
 
 INSTANTIATE_TEST_SUITE_P(Specs, LanesModelTest, testing::ValuesIn(Cases()),
                          [](const auto& instance) { return std::string(instance.param.name); });
+
+TEST(WeightFaultTest, AVarianceHasNoNegativeFactor) {
+  artifact::StoredModel stored = RandomModel(SpecOfPreset("lanes"), 3);
+  EXPECT_EQ(artifact::FindWeightFault(stored.manifest.spec(), stored.weights), "");
+  stored.weights.at("scene_covariance.speed_factor").values[2] = -1.0f;
+  EXPECT_THAT(artifact::FindWeightFault(stored.manifest.spec(), stored.weights),
+              testing::HasSubstr("scene_covariance.speed_factor"));
+}
 
 }  // namespace
 }  // namespace maneuver::inference::lanes_model_test

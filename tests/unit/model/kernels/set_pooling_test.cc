@@ -77,5 +77,14 @@ TEST_P(SetPoolingTest, AddsTwoAndRectifiesWithTheBitsOfPlain) {
   EXPECT_EQ(y, (std::vector{1.75f, 0.0f}));
 }
 
+TEST_P(SetPoolingTest, WhatIsNotANumberStays) {
+  for (const size_t count : {1u, 8u, 21u}) {
+    const std::vector<float> none(count, 0.0f);
+    std::vector<float> y(count, std::nanf(""));
+    AddTwoAndRectify(none.data(), none.data(), static_cast<int>(count), y.data());
+    for (const float value : y) EXPECT_TRUE(std::isnan(value)) << count;
+  }
+}
+
 }  // namespace
 }  // namespace maneuver::kernels::set_pooling_test
