@@ -16,6 +16,7 @@
 #include "model/files/durable_file.h"
 #include "model/inference/action_model.h"
 #include "model/inference/anchor_model.h"
+#include "model/learning/measured_recordings.h"
 #include "model/learning/measuring_time.h"
 #include "model/learning/training_failure.h"
 
@@ -28,22 +29,11 @@ constexpr int64_t kEnoughToTell = 100;     // examples: fewer may well be of one
 constexpr int64_t kOneRehearsedIn = 10;    // examples, of which one is in a rehearsal
 constexpr int64_t kFewestRehearsed = 256;  // examples: four reports of evaluation::Evaluate
 
-int64_t CountExamples(const ExampleSet& set, size_t recordings) {
-  return std::ranges::count_if(set.examples, [recordings](const data::Example& example) {
-    return static_cast<size_t>(example.recording) < recordings;
-  });
-}
-
-// The first recordings that hold about `most` examples.
-std::span<const v1::Scenario> Measured(const ExampleSet& set, int64_t most) {
-  std::vector<int64_t> counts(set.recordings.size());
-  for (const data::Example& example : set.examples) {
-    ++counts[static_cast<size_t>(example.recording)];
-  }
-  int64_t examples = 0;
-  size_t recordings = 0;
-  while (recordings < counts.size() && examples < most) examples += counts[recordings++];
-  return std::span(set.recordings).first(recordings);
+std::vector<v1::Scenario> Copy(const ExampleSet& set, const MeasuredRecordings& chosen) {
+  std::vector<v1::Scenario> recordings;
+  recordings.reserve(chosen.indices.size());
+  for (const size_t i : chosen.indices) recordings.push_back(set.recordings[i]);
+  return recordings;
 }
 
 // Removes a folder of work in progress, whatever happens.
@@ -184,7 +174,8 @@ absl::StatusOr<v1::ModelManifest> ExportModel(artifact::StoredModel model, const
   const absl::StatusOr<std::unique_ptr<Draft>> draft = WriteDraft(std::move(model), options);
   if (!draft.ok()) return draft.status();
   absl::StatusOr<v1::ModelManifest> manifest =
-      Complete(**draft, Measured(data.validation, kMostMeasured), data, examples, options);
+      Complete(**draft, Copy(data.validation, ChooseRecordings(data.validation, kMostMeasured)),
+               data, examples, options);
   if (!manifest.ok()) return manifest;
   const absl::Status status = files::PublishFolder((*draft)->folder, options.output);
   if (!status.ok()) return status;
@@ -195,11 +186,11 @@ std::optional<ExportSeconds> RehearseExport(artifact::StoredModel model, const T
                                             const v1::ExampleSettings& examples,
                                             const ExportOptions& options,
                                             const TrainingProgress::Clock& clock) {
-  const int64_t all =
-      CountExamples(data.validation, Measured(data.validation, kMostMeasured).size());
-  const std::span<const v1::Scenario> few =
-      Measured(data.validation, std::max(kFewestRehearsed, all / kOneRehearsedIn));
-  if (CountExamples(data.validation, few.size()) < kFewestRehearsed) return std::nullopt;
+  const int64_t all = ChooseRecordings(data.validation, kMostMeasured).examples;
+  const MeasuredRecordings chosen =
+      ChooseRecordings(data.validation, std::max(kFewestRehearsed, all / kOneRehearsedIn));
+  if (chosen.examples < kFewestRehearsed) return std::nullopt;
+  const std::vector<v1::Scenario> few = Copy(data.validation, chosen);
   const auto begun = clock();
   const absl::StatusOr<std::unique_ptr<Draft>> draft = WriteDraft(std::move(model), options);
   if (!draft.ok()) return std::nullopt;
