@@ -334,7 +334,10 @@ class FindTest(unittest.TestCase):
                                 (("--near", "1,2"), "--near"), (("--where", "price>3"), "not a column"),
                                 (("--where", "ade>x"), "not a number"), (("--surprise", "top:0"), "--surprise"),
                                 (("--surprise", "nan"), "--surprise"), (("--surprise", "top:1000001"), "--surprise"),
-                                (("--extract", "e"), "--dataset"), (("--against", "tags"), "--by"), (("--per", "hour"), "--by"), (("--side", "ahead"), "--with")):
+                                (("--extract", "e"), "--dataset"), (("--against", "tags"), "--by"),
+                                (("--per", "hour"), "--by"), (("--side", "ahead"), "--with"),
+                                (("--by", "action", "--distinct"), "give it no --distinct"),
+                                (("--by", "action", "--surprise", "top:3"), "give it no --distinct")):
             self.assertIn(says, run("find", "tags", *arguments, status=2).stderr)
         self.assertIn("schema.json", run("find", "d0", status=1).stderr)
         self.assertIn("another dataset", run("find", "tags", "--dataset", "elsewhere/d0", "--scene", "*-0",

@@ -13,6 +13,7 @@
 #include <variant>
 #include <vector>
 
+#include "server/errors/error_details.h"
 #include "server/serving/model_versions.h"
 
 namespace maneuver::jobs {
@@ -76,6 +77,10 @@ class FakeModelVersions final : public serving::ModelVersions {
   }
   absl::Status KeepReport(const v1::EvaluationReport& report, const serving::Maker&) override {
     const std::lock_guard lock(mutex);
+    if (store_away > 0) {
+      --store_away;
+      return errors::WithReason(absl::UnavailableError("no database"), "STORE_UNAVAILABLE");
+    }
     if (keep_error.ok()) reports[report.model_version()] = report;
     return keep_error;
   }
@@ -98,7 +103,8 @@ class FakeModelVersions final : public serving::ModelVersions {
   absl::Status resolve_error;
   absl::Status publish_error;
   absl::Status keep_error;
-  std::vector<v1::Promotion> promotions;                        // of Publish
+  int store_away = 0;                     // next calls of KeepReport that find no store
+  std::vector<v1::Promotion> promotions;  // of Publish
   std::map<std::string, security::ModelVersionName> published;  // by maker
   std::map<std::string, v1::EvaluationReport> reports;          // by version
   std::optional<security::ModelVersionName> serving;

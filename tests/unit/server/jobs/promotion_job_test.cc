@@ -149,6 +149,17 @@ TEST_F(PromotionJobTest, RetriesAMeasurementThatDied) {
   EXPECT_EQ(versions_.promotions.size(), 1u);
 }
 
+TEST_F(PromotionJobTest, MeasuresAgainAfterTheStoreWasAway) {
+  versions_.store_away = 1;
+  Trainer(Measures("new_nll=1.5"));
+  Start();
+  const v1::Job job = WaitForEnd(Train(IfNoWorse()).name());
+  EXPECT_EQ(job.state(), v1::JOB_STATE_SUCCEEDED) << job.DebugString();
+  EXPECT_TRUE(job.promotion_decision().promoted()) << job.DebugString();
+  EXPECT_EQ(MeasuredVersions(), "1\n1\n9\n");
+  EXPECT_EQ(Serves(), "models/town/versions/1");
+}
+
 TEST_F(PromotionJobTest, ContinuesAtTheSameStepAfterTheServerWasKilled) {
   LeavePublished();
   Trainer(Measures("[ $command = evaluate ] || exit 70; new_nll=1.5"));
