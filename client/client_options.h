@@ -52,7 +52,8 @@ struct ClientOptions {
   bool hold_back = true;
   // An interrupted upload, or stream of outcomes, is retried for this long after the last progress.
   absl::Duration upload_patience = absl::Minutes(2);
-  // A watched job whose stream broke is watched again for this long after the last event.
+  // A watched job whose stream broke is watched again for this long after the last event, or after
+  // the end of a stream that the server had accepted.
   absl::Duration watch_patience = absl::Minutes(1);
   OnRetry on_retry = {};        // called before each wait; may be empty
   std::string user_agent = "";  // goes before gRPC's own

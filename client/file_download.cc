@@ -61,10 +61,8 @@ absl::Status CheckHeader(const DownloadHeader& header, const DownloadTarget& tar
 // Files on their way into a folder.
 class Download {
  public:
-  Download(const DownloadTarget& target, const OnUploaded& on_progress)
-      : target_(target),
-        folder_(fs::absolute(target.folder).lexically_normal()),
-        on_progress_(on_progress) {
+  Download(const DownloadTarget& target, const fs::path& folder, const OnUploaded& on_progress)
+      : target_(target), folder_(folder.lexically_normal()), on_progress_(on_progress) {
     if (folder_.filename().empty()) folder_ = folder_.parent_path();  // "models/town/"
     part_ = folder_.parent_path() / absl::StrCat(".", folder_.filename().string(), ".part");
   }
@@ -168,17 +166,24 @@ class Download {
         absl::StrCat("cannot write ", folder_.string(), ": see to its permissions and the disk"));
   }
 
-  // OK if the folder holds the files of the header.
+  // OK if the folder holds the files of the header and nothing else.
   absl::Status CheckSame() const {
+    std::set<std::string> names;
+    bool is_same = true;
     for (const v1::ModelFile& file : header_.files) {
+      names.insert(file.file());
       const auto digest = Sha256OfFile((folder_ / file.file()).string());
-      if (!digest.ok() || *digest != file.sha256()) {
-        return absl::AlreadyExistsError(absl::StrCat(folder_.string(),
-                                                     " exists already and is not ",
-                                                     header_.resource, "; name another folder"));
-      }
+      is_same = is_same && digest.ok() && *digest == file.sha256();
+      if (!is_same) break;
     }
-    return absl::OkStatus();
+    std::error_code error;
+    for (fs::directory_iterator entry(folder_, error);
+         is_same && !error && entry != fs::directory_iterator(); entry.increment(error)) {
+      is_same = names.contains(entry->path().filename().string());
+    }
+    if (is_same && !error) return absl::OkStatus();
+    return absl::AlreadyExistsError(absl::StrCat(folder_.string(), " exists already and is not ",
+                                                 header_.resource, "; name another folder"));
   }
 
   // Looks what is here of the header's files, and removes what is of others.
@@ -255,7 +260,13 @@ absl::StatusOr<std::string> DownloadFiles(
     const std::function<void(grpc::ClientContext&)>& introduce, const OnUploaded& on_progress,
     const CallOptions& call) {
   const absl::Time deadline = absl::Now() + call.timeout.value_or(options.deadlines.upload);
-  Download download(target, on_progress);
+  std::error_code error;
+  const fs::path folder = fs::absolute(target.folder, error);
+  if (error) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("cannot download into the folder \"", target.folder, "\": ", error.message()));
+  }
+  Download download(target, folder, on_progress);
   absl::Status local_error;
 
   // One call, to its end. OK without a whole folder: the call is to be made again.

@@ -32,8 +32,8 @@ class OutcomeStream {
 
   // Sends a report. Waits while four reports have no answer. An error ends the stream, and reports
   // without an answer may or may not have been counted: the last failure once retries have run out;
-  // DEADLINE_EXCEEDED if an answer took too long; UNIMPLEMENTED from a server that has no streams;
-  // CANCELLED. FAILED_PRECONDITION after Finish.
+  // DEADLINE_EXCEEDED if the server took too long to take a report or to answer it; UNIMPLEMENTED
+  // from a server that has no streams; CANCELLED. FAILED_PRECONDITION after Finish.
   virtual absl::Status Send(v1::ReportOutcomesRequest report) = 0;
 
   // Waits for the answers to all reports. Errors are those of Send; OK: each report was answered.

@@ -1,6 +1,8 @@
+#include <algorithm>
 #include <chrono>
 #include <deque>
 #include <memory>
+#include <optional>
 #include <thread>
 #include <utility>
 
@@ -35,7 +37,10 @@ class GrpcOutcomeStream final : public OutcomeStream {
     if (!end_.ok()) return end_;
     unanswered_.push_back(WithRequestId(std::move(report)));
     if (open_ == nullptr) Open();
-    Write(unanswered_.back());
+    if (absl::Status status = Write(unanswered_.back()); !status.ok()) {
+      Deliver();
+      return end_ = status;
+    }
     return AwaitAnswers(kMostUnanswered - 1);
   }
 
@@ -54,7 +59,8 @@ class GrpcOutcomeStream final : public OutcomeStream {
  private:
   using Stream = grpc::ClientReaderWriter<v1::StreamOutcomesRequest, v1::StreamOutcomesResponse>;
 
-  // One stream to a server, and the thread that reads it.
+  // One stream to a server, the thread that reads it, and one that cancels it if the server does
+  // not take a report in time.
   struct OpenCall {
     explicit OpenCall(Cancellation* cancellation)
         : registration(cancellation, [this] { context.TryCancel(); }) {}
@@ -62,6 +68,7 @@ class GrpcOutcomeStream final : public OutcomeStream {
     const Cancellation::Registration registration;
     std::unique_ptr<Stream> stream;
     std::thread reader;
+    std::thread watchdog;
   };
 
   void Open() {
@@ -71,6 +78,7 @@ class GrpcOutcomeStream final : public OutcomeStream {
     {
       const MutexLock lock(mutex_);
       broken_ = false;
+      closed_ = false;
     }
     open_->reader = std::thread([this, &stream = *open_->stream] {
       v1::StreamOutcomesResponse answer;
@@ -83,17 +91,56 @@ class GrpcOutcomeStream final : public OutcomeStream {
       broken_ = true;
       changed_.NotifyAll();
     });
+    open_->watchdog = std::thread([this, &context = open_->context] {
+      const MutexLock lock(mutex_);
+      while (!closed_) {
+        if (!write_by_) {
+          write_changed_.Wait(mutex_);
+        } else if (std::chrono::steady_clock::now() < *write_by_) {
+          write_changed_.WaitUntil(mutex_, *write_by_);
+        } else {
+          write_by_.reset();
+          context.TryCancel();
+        }
+      }
+    });
   }
 
-  // A failure shows when answers are awaited.
-  bool Write(const v1::ReportOutcomesRequest& report) {
+  std::chrono::steady_clock::time_point AnswerTime() const {
+    constexpr absl::Duration kLongest = absl::Hours(10'000);  // beyond 292 years clocks overflow
+    return std::chrono::steady_clock::now() +
+           absl::ToChronoNanoseconds(std::min(answer_timeout_, kLongest));
+  }
+
+  // DEADLINE_EXCEEDED if the server did not take the report in time; the stream is closed then.
+  // Other failures show when answers are awaited.
+  absl::Status Write(const v1::ReportOutcomesRequest& report) {
     v1::StreamOutcomesRequest message;
     *message.mutable_report() = report;
-    return open_->stream->Write(message);
+    {
+      const MutexLock lock(mutex_);
+      write_by_ = AnswerTime();
+      write_changed_.NotifyAll();
+    }
+    const bool is_taken = open_->stream->Write(message);
+    {
+      const MutexLock lock(mutex_);
+      const bool in_time = write_by_.has_value();
+      write_by_.reset();
+      if (is_taken || in_time) return absl::OkStatus();
+    }
+    Close().IgnoreError();
+    return absl::DeadlineExceededError("the server did not take a report in time");
   }
 
   // Returns how a stream ended that is broken, or whose writes are done.
   absl::Status Close() {
+    {
+      const MutexLock lock(mutex_);
+      closed_ = true;
+      write_changed_.NotifyAll();
+    }
+    open_->watchdog.join();
     open_->reader.join();
     absl::Status status = ToRetriable(open_->stream->Finish(), cancellation_);
     open_ = nullptr;
@@ -137,8 +184,7 @@ class GrpcOutcomeStream final : public OutcomeStream {
   // Waits until there is an answer or the stream is broken. DEADLINE_EXCEEDED if that takes too
   // long.
   absl::Status AwaitAnswer() {
-    const auto give_up =
-        std::chrono::steady_clock::now() + absl::ToChronoNanoseconds(answer_timeout_);
+    const auto give_up = AnswerTime();
     {
       const MutexLock lock(mutex_);
       while (answers_.empty() && !broken_) {
@@ -169,7 +215,7 @@ class GrpcOutcomeStream final : public OutcomeStream {
       if (open_ == nullptr) {
         Open();
         for (const v1::ReportOutcomesRequest& report : unanswered_) {
-          if (!Write(report)) break;
+          if (absl::Status status = Write(report); !status.ok()) return status;
         }
         if (absl::Status status = AwaitAnswer(); !status.ok()) return status;
         if (HasAnswer()) return absl::OkStatus();
@@ -195,6 +241,10 @@ class GrpcOutcomeStream final : public OutcomeStream {
   CondVar changed_;
   std::deque<v1::StreamOutcomesResponse> answers_ ABSL_GUARDED_BY(mutex_);  // not delivered yet
   bool broken_ ABSL_GUARDED_BY(mutex_) = false;
+  CondVar write_changed_;
+  // When the watchdog cancels the stream; nothing while no report is being written.
+  std::optional<std::chrono::steady_clock::time_point> write_by_ ABSL_GUARDED_BY(mutex_);
+  bool closed_ ABSL_GUARDED_BY(mutex_) = false;  // the watchdog is to end
 };
 
 }  // namespace

@@ -5,6 +5,13 @@
 #include "client/connection.h"
 
 namespace maneuver::client {
+namespace {
+
+// A stream that stands for so long after the server accepted it is a sign of life, also if it
+// stays silent. gRPC does not tell one that is refused from one that is accepted, but for its time.
+constexpr absl::Duration kStanding = absl::Milliseconds(100);
+
+}  // namespace
 
 absl::StatusOr<v1::Job> Client::WatchJob(const v1::WatchJobRequest& request,
                                          const std::function<bool(const v1::Job&)>& on_event,
@@ -13,7 +20,8 @@ absl::StatusOr<v1::Job> Client::WatchJob(const v1::WatchJobRequest& request,
   const absl::Time deadline = call.timeout ? absl::Now() + *call.timeout : absl::InfiniteFuture();
   v1::WatchJobRequest cursor = request;
   v1::Job job;
-  bool seen = false;     // at least one event
+  bool seen = false;     // a sign of life
+  bool stood = false;    // the last stream, for kStanding
   bool stopped = false;  // by on_event
 
   // Follows one stream to its end. UNAVAILABLE if it broke before the job ended.
@@ -24,6 +32,8 @@ absl::StatusOr<v1::Job> Client::WatchJob(const v1::WatchJobRequest& request,
     const Cancellation::Registration registration(call.cancellation,
                                                   [&context] { context.TryCancel(); });
     const auto reader = connection_->training->WatchJob(&context, cursor);
+    reader->WaitForInitialMetadata();  // comes at once if the server accepts
+    const absl::Time accepted = absl::Now();
     v1::WatchJobResponse event;
     while (reader->Read(&event)) {
       seen = true;
@@ -35,13 +45,16 @@ absl::StatusOr<v1::Job> Client::WatchJob(const v1::WatchJobRequest& request,
         break;
       }
     }
+    stood = absl::Now() - accepted >= kStanding;
+    seen = seen || stood;
     absl::Status status = ToRetriable(reader->Finish(), call.cancellation);
     if (stopped || (status.ok() && HasEnded(job))) return absl::OkStatus();
     if (status.ok()) return absl::UnavailableError("the server stopped telling of the job");
     return status;
   };
 
-  // Before the first event, the call has the retries of any call; afterwards, those of a watch.
+  // Before the first sign of life, the call has the retries of any call; afterwards, those of a
+  // watch.
   absl::Status status =
       RetryUnavailable(options.retry, deadline, call.cancellation, options.on_retry, [&] {
         absl::Status result = follow();
@@ -55,8 +68,8 @@ absl::StatusOr<v1::Job> Client::WatchJob(const v1::WatchJobRequest& request,
     const int64_t before = cursor.after_sequence();
     status = RetryUnavailable(patient, give_up, call.cancellation, options.on_retry, [&] {
       absl::Status result = follow();
-      return cursor.after_sequence() > before && absl::IsUnavailable(result) ? absl::OkStatus()
-                                                                             : result;
+      const bool is_alive = stood || cursor.after_sequence() > before;
+      return is_alive && absl::IsUnavailable(result) ? absl::OkStatus() : result;
     });
     if (!status.ok()) return status;
   }

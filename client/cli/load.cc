@@ -230,6 +230,11 @@ class LoadCommand {
       if (measure_capacity) plan.deadline.reset();
       const absl::Status status = RunStep(callers_name, plan);
       if (!status.ok() || stop_.cancelled() || rates.empty()) return status;
+      if (report_.steps.back().tally.only_warm_up) {
+        return absl::FailedPreconditionError(
+            "every call fell into the warm-up, so the capacity is unknown; set --warm-up 0 or more "
+            "--calls");
+      }
       report_.capacity = report_.steps.back().tally.AnsweredRate();
       if (!(*report_.capacity > 0.0)) {
         return absl::DeadlineExceededError(

@@ -124,6 +124,9 @@ std::string Remarks(const LoadStep& step) {
   const auto remark = [&](const auto&... parts) {
     absl::StrAppend(&text, step.name, ": ", parts..., "\n");
   };
+  if (tally.only_warm_up) {
+    remark("every call fell into the warm-up; set --warm-up 0 or more --calls");
+  }
   if (const int64_t refused = tally.Ended(absl::StatusCode::kResourceExhausted); refused > 0) {
     const std::string delay =
         tally.refused_with_delay == 0
@@ -149,8 +152,13 @@ std::string Remarks(const LoadStep& step) {
   if (tally.unfinished > 0) remark(tally.unfinished, " calls had not ended when the run did");
   const double lateness = Milliseconds(tally.lateness.Quantile(0.99));
   if (lateness > 2.0) {
+    const bool is_full = 100 * tally.waited >= tally.lateness.count();
+    const std::string cause =
+        is_full ? absl::StrCat(tally.waited, " waited because ", step.plan.max_in_flight,
+                               " were in flight (--max-in-flight)")
+                : "the load generator lacks processor time";
     remark("calls were sent up to ", Short(lateness),
-           " ms late (p99), which counts as latency: the load generator lacks processor time");
+           " ms late (p99), which counts as latency: ", cause);
   }
   return text;
 }

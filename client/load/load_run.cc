@@ -55,9 +55,13 @@ class LoadRun {
       const TimePoint due = start_ + arrivals.Next();
       if (due >= window_.end) return WaitUntil(window_.end, [] { return false; });
       WaitUntil(due, [] { return false; });
-      WaitUntil(window_.end, [this] { return in_flight_ < plan_.max_in_flight; });
+      if (in_flight_ >= plan_.max_in_flight) {
+        WaitUntil(window_.end, [this] { return in_flight_ < plan_.max_in_flight; });
+        had_place_ = timeline_.Now();
+      }
       if (stopped_) return;
       if (in_flight_ < plan_.max_in_flight) {
+        if (due < had_place_ && window_.Contains(due)) ++waited_;
         Begin(due);
       } else if (window_.Contains(due)) {
         ++unsent_;
@@ -87,8 +91,10 @@ class LoadRun {
       tally.unfinished = due_under_way_;
     }
     tally.unsent = unsent_;
+    tally.waited = waited_;
     tally.due += tally.unsent + tally.unfinished;
     tally.length = std::max(nanoseconds(0), std::min(timeline_.Now(), window_.end) - window_.begin);
+    tally.only_warm_up = tally.due == 0 && !stopped_ && plan_.calls && begun_ >= *plan_.calls;
     if (in_flight_ > 0) callee_.CancelAll();
     while (in_flight_ > 0) {
       timeline_.Wait(timeline_.Now() + kLook, [this] { return in_flight_ == 0; });
@@ -197,6 +203,8 @@ class LoadRun {
   std::atomic<int64_t> begun_ = 0;
   std::atomic<int64_t> in_flight_ = 0;
   int64_t unsent_ = 0;
+  int64_t waited_ = 0;
+  TimePoint had_place_{};  // when a call that had waited for others to end could be sent
   TimePoint next_show_{};
   const TimePoint start_;
   const Window window_;

@@ -35,6 +35,7 @@ struct Tally {
   // For calls that were due in the window:
   int64_t due = 0;
   int64_t unsent = 0;      // too many were in flight already
+  int64_t waited = 0;      // sent late for that reason
   int64_t unfinished = 0;  // still in progress when the load run ended
   std::map<absl::StatusCode, int64_t> ended;
   // Latencies count from when a call was due to when its end was known. A call that could not be
@@ -58,6 +59,7 @@ struct Tally {
   int64_t answered_targets = 0;
 
   std::chrono::nanoseconds length{0};  // of the window
+  bool only_warm_up = false;           // the plan's calls were used up before the window
 
   int64_t Ended(absl::StatusCode code) const;
   // Returns how many calls ended neither OK nor with a code that overload explains.

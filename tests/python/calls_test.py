@@ -6,9 +6,12 @@ import hashlib
 import pathlib
 import pickle
 import socket
+import subprocess
 import tempfile
+import threading
 import time
 import unittest
+import unittest.mock
 
 import grpc
 from google.protobuf.any_pb2 import Any
@@ -50,8 +53,10 @@ class Clock:
 
     def __init__(self):
         self.waits = []
+        self.looks = 0
 
     def now(self):
+        self.looks += 1
         return 1000.0 + sum(self.waits)
 
     def clock(self):
@@ -165,6 +170,37 @@ class AddressTest(unittest.TestCase):
         with self.assertRaises(OSError):
             maneuver.Client(tls=maneuver.Tls(root_certificates="/nowhere.pem"))
 
+    def test_refuses_certificates_and_keys_that_do_not_fit(self):
+        folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
+        pairs = []
+        for name in ("a", "b"):
+            pairs.append((str(folder / f"{name}.crt"), str(folder / f"{name}.key")))
+            subprocess.run(
+                ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256",
+                 "-nodes", "-days", "2", "-subj", f"/CN={name}", "-keyout", pairs[-1][1], "-out", pairs[-1][0]],
+                check=True, capture_output=True)
+        (certificate, key), (_, other_key) = pairs
+        maneuver.Client(tls=maneuver.Tls(certificate, certificate, key)).close()
+        damaged = folder / "damaged.key"
+        damaged.write_text("-----BEGIN PRIVATE KEY-----\nMC4=\n-----END PRIVATE KEY-----\n")
+        for tls, message in (
+                (maneuver.Tls(root_certificates=key), "a.key holds a private key, not a certificate"),
+                (maneuver.Tls("", key, certificate), "a.key holds a private key, not a certificate"),
+                (maneuver.Tls("", certificate, certificate), "a.crt holds a certificate, not a private key"),
+                (maneuver.Tls("", certificate, other_key), "b.key is not the key of the certificate in .*a.crt"),
+                (maneuver.Tls("", certificate, str(damaged)), "damaged.key is damaged")):
+            with self.assertRaisesRegex(ValueError, message):
+                maneuver.Client(tls=tls)
+
+    def test_pings_a_server_that_is_silent_during_a_call(self):
+        with unittest.mock.patch("grpc.insecure_channel", wraps=grpc.insecure_channel) as channel:
+            maneuver.Client("127.0.0.1:1").close()
+        options = dict(channel.call_args.args[1])
+        self.assertEqual(options["grpc.keepalive_time_ms"], 60000)
+        self.assertEqual(options["grpc.keepalive_timeout_ms"], 20000)
+        self.assertEqual(options["grpc.http2.max_pings_without_data"], 0)
+        self.assertNotIn("grpc.keepalive_permit_without_calls", options)
+
 
 class ErrorTest(unittest.TestCase):
 
@@ -193,6 +229,15 @@ class Predictions(prediction_service_pb2_grpc.PredictionServiceServicer):
         self.metadata = []
         self.held = set()
         self.map_refusal = None
+        self.has_read = threading.Event()  # all of a stream
+        self.may_answer = threading.Event()  # the stream
+
+    def StreamPredict(self, requests, context):
+        ids = [request.request_id for request in requests]
+        self.has_read.set()
+        self.may_answer.wait(10.0)
+        for request_id in ids:
+            yield v1.StreamPredictResponse(request_id=request_id, response=v1.PredictResponse())
 
     def Predict(self, request, context):
         self.requests.append(request)
@@ -219,12 +264,16 @@ class Training(training_service_pb2_grpc.TrainingServiceServicer):
 
     def __init__(self):
         self.asked_after = []
+        self.stays_silent = None  # what passes the time of a stream without an event; None: has one
         self.deletions = 0
         self.trained = []
         self.recalibrations = []
 
     def WatchJob(self, request, context):
         self.asked_after.append(request.after_sequence)
+        if self.stays_silent is not None and len(self.asked_after) in (2, 3):
+            self.stays_silent(accept=lambda: context.send_initial_metadata(()))
+            context.abort(grpc.StatusCode.UNAVAILABLE, "broken")
         sequence = request.after_sequence + 1
         state = v1.JOB_STATE_SUCCEEDED if sequence == 4 else v1.JOB_STATE_RUNNING
         yield v1.WatchJobResponse(job=v1.Job(name=request.name, state=state,
@@ -255,6 +304,9 @@ class Datasets(dataset_service_pb2_grpc.DatasetServiceServicer):
     def __init__(self):
         self.kept = b""
         self.uploads = 0
+        self.broken_uploads = 1
+        self.keeps = True
+        self.before_break = lambda: None
 
     def QueryUpload(self, request, context):
         return v1.QueryUploadResponse(arrived_bytes=[len(self.kept)])
@@ -264,8 +316,10 @@ class Datasets(dataset_service_pb2_grpc.DatasetServiceServicer):
         header = next(requests).header
         assert list(header.arrived_bytes) == [len(self.kept)], header.arrived_bytes
         for count, request in enumerate(requests, 1):
-            self.kept += request.chunk
-            if self.uploads == 1 and count == 2:
+            if self.keeps:
+                self.kept += request.chunk
+            if self.uploads <= self.broken_uploads and count == 2:
+                self.before_break()
                 context.abort(grpc.StatusCode.UNAVAILABLE, "broken")
         return v1.Dataset(name=header.name)
 
@@ -492,20 +546,56 @@ class CallsTest(unittest.TestCase):
         self.assertEqual([job.progress.sequence for job in jobs], [1, 2, 3, 4])
         self.assertEqual(self.training.asked_after, [0, 1, 2, 3])
 
-    def test_an_upload_that_breaks_goes_on_where_it_was(self):
-        content = b"".join(b"%015d\n" % line for line in range(131072))  # 2 MiB, four chunks
+    def test_a_watch_goes_on_after_silent_streams_that_were_accepted(self):
+        passing = Clock()
+
+        def stays_silent(accept):
+            looks = passing.looks
+            accept()
+            for _ in range(5000):  # until the client has seen that the stream is accepted
+                if passing.looks > looks:
+                    break
+                time.sleep(0.001)
+            passing.waits.append(600.0)
+
+        self.training.stays_silent = stays_silent
+        jobs = list(self.client(clock=passing.clock()).watch_job("jobs/a"))
+        self.assertEqual([job.progress.sequence for job in jobs], [1, 2, 3, 4])
+        self.assertEqual(self.training.asked_after, [0, 1, 1, 1, 2, 3])
+
+    CONTENT = b"".join(b"%015d\n" % line for line in range(131072))  # 2 MiB, four chunks
+
+    def upload(self, **options):
+        """Uploads a dataset whose only shard is CONTENT."""
         with tempfile.TemporaryDirectory() as folder:
-            shard = pathlib.Path(folder, "a.tfrecord")
-            shard.write_bytes(content)
+            pathlib.Path(folder, "a.tfrecord").write_bytes(self.CONTENT)
             pathlib.Path(folder, "dataset.json").write_text(
-                '{"shards": [{"file": "a.tfrecord", "size_bytes": "%d"}]}' % len(content))
+                '{"shards": [{"file": "a.tfrecord", "size_bytes": "%d"}]}' % len(self.CONTENT))
             progress = []
-            dataset = self.client().upload_dataset(folder, "datasets/d",
-                                                   on_progress=progress.append)
+            dataset = self.client(**options).upload_dataset(folder, "datasets/d", on_progress=progress.append)
         self.assertEqual(dataset.name, "datasets/d")
+        return progress
+
+    def test_an_upload_that_breaks_goes_on_where_it_was(self):
+        progress = self.upload()
         self.assertEqual(self.datasets.uploads, 2)
-        self.assertEqual(self.datasets.kept, content)
-        self.assertEqual(progress[-1], maneuver.UploadProgress(len(content), len(content)))
+        self.assertEqual(self.datasets.kept, self.CONTENT)
+        self.assertEqual(progress[-1], maneuver.UploadProgress(len(self.CONTENT), len(self.CONTENT)))
+
+    def test_an_upload_goes_on_however_long_its_connection_lasted(self):
+        passing = Clock()
+        self.datasets.before_break = lambda: passing.waits.append(600.0)
+        self.upload(clock=passing.clock())
+        self.assertEqual(self.datasets.uploads, 2)
+        self.assertEqual(self.datasets.kept, self.CONTENT)
+
+    def test_an_upload_of_which_nothing_arrives_is_given_up(self):
+        passing = Clock()
+        self.datasets.before_break = lambda: passing.waits.append(600.0)
+        self.datasets.broken_uploads, self.datasets.keeps = 100, False
+        with self.assertRaises(maneuver.UnavailableError):
+            self.upload(clock=passing.clock())
+        self.assertEqual(self.datasets.uploads, 2)
 
     def test_refuses_a_folder_that_is_not_whole(self):
         with tempfile.TemporaryDirectory() as folder:
@@ -581,6 +671,11 @@ class CallsTest(unittest.TestCase):
             client.download_model_version("models/m", folder)
             self.assertEqual(client.download_model_version("models/m", folder),
                              "models/m/versions/1", "it is this version")
+            more = pathlib.Path(folder, "baselines.json")
+            more.write_bytes(b"{}")
+            with self.assertRaises(FileExistsError):
+                client.download_model_version("models/m", folder)
+            more.unlink()
             pathlib.Path(folder, "model.json").write_bytes(b"other")
             with self.assertRaises(FileExistsError):
                 client.download_model_version("models/m", folder)
@@ -611,6 +706,24 @@ class CallsTest(unittest.TestCase):
         self.assertEqual(self.models.uploads,
                          [("models/m", list(self.models.stated.items()), [1, 0])])
         self.assertEqual(self.models.kept, b"".join(self.models.files.values()))
+
+    def test_a_stream_refuses_what_is_sent_after_its_end(self):
+        client = self.client()
+        answered = []
+        stream = client.stream_predict(lambda answer: answered.append(answer.request_id))
+        stream.send("a", SCENE)
+        finishing = threading.Thread(target=stream.finish)
+        finishing.start()
+        self.assertTrue(self.predictions.has_read.wait(10.0))  # so finish() has begun
+        with self.assertRaisesRegex(ValueError, "finished"):
+            stream.send("b", SCENE)
+        self.predictions.may_answer.set()
+        finishing.join()
+        self.assertEqual(answered, ["a"])
+        stream = client.stream_predict(lambda answer: None)
+        stream.cancel()
+        with self.assertRaises((ValueError, maneuver.CancelledError)):
+            stream.send("c", SCENE)
 
     def test_a_map_is_sent_once(self):
         maps = maneuver.MapReuse(self.client())

@@ -32,6 +32,10 @@ _OPTIONS: List[Tuple[str, Any]] = [
     ("grpc.initial_reconnect_backoff_ms", 100),
     ("grpc.min_reconnect_backoff_ms", 5000),  # also how long an attempt to connect may take
     ("grpc.max_reconnect_backoff_ms", 2000),
+    # Finds out, while calls are in flight, that the server went without a word.
+    ("grpc.keepalive_time_ms", 60000),
+    ("grpc.keepalive_timeout_ms", 20000),
+    ("grpc.http2.max_pings_without_data", 0),  # gRPC would stop after two
     # Retries are this package's.
     ("grpc.enable_retries", 0),
 ]

@@ -117,23 +117,49 @@ def authorization(address: str, tls: Optional[Tls], token: str,
     return (("authorization", f"Bearer {token}"),)
 
 
-def _read_pem(file: str) -> Optional[bytes]:
+_KINDS = {b"CERTIFICATE-----": "certificate", b"PRIVATE KEY-----": "private key"}
+
+
+def _read_pem(file: str, wanted: bytes) -> Optional[bytes]:
+    """Reads a PEM file that has to hold one of _KINDS; None for no file."""
     if not file:
         return None
     pem = pathlib.Path(file).read_bytes()
     if b"-----BEGIN" not in pem:
         raise ValueError(f"{file} is not in PEM format")
+    if wanted not in pem:
+        held = [f"a {kind}" for mark, kind in _KINDS.items() if mark in pem] or ["something else"]
+        raise ValueError(f"{file} holds {held[0]}, not a {_KINDS[wanted]}")
     return pem
+
+
+def _check_pair(certificate: str, key: str) -> None:
+    """Raises ValueError for files that gRPC could not use: it says only that it cannot connect."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.set_ciphers("ALL:@SECLEVEL=0")  # whether a key is strong enough is for the server to say
+    try:
+        context.load_cert_chain(certificate, key, password="")  # gRPC has no way to ask for one
+    except ssl.SSLError as error:
+        if error.reason in ("KEY_VALUES_MISMATCH", "KEY_TYPE_MISMATCH", "NO_CERTIFICATE_ASSIGNED"):
+            raise ValueError(f"{key} is not the key of the certificate in {certificate}") from None
+        raise ValueError(f"the certificate in {certificate} or the key in {key} is damaged, or the "
+                         "key has a passphrase") from None
 
 
 def channel_credentials(tls: Union[Tls, None]) -> Optional[grpc.ChannelCredentials]:
     """Reads the files that `tls` names. None for plain text.
 
-    Raises OSError for files that cannot be read, ValueError for those that are not in PEM format.
+    Raises OSError for files that cannot be read, ValueError for those that hold something else or
+    do not fit one another.
     """
     if tls is None:
         return None
     if bool(tls.certificate) != bool(tls.key):
         raise ValueError("a client certificate and its key need one another")
-    roots = _read_pem(tls.root_certificates or ssl.get_default_verify_paths().cafile or "")
-    return grpc.ssl_channel_credentials(roots, _read_pem(tls.key), _read_pem(tls.certificate))
+    roots = _read_pem(tls.root_certificates or ssl.get_default_verify_paths().cafile or "",
+                      b"CERTIFICATE-----")
+    certificate = _read_pem(tls.certificate, b"CERTIFICATE-----")
+    key = _read_pem(tls.key, b"PRIVATE KEY-----")
+    if tls.certificate:
+        _check_pair(tls.certificate, tls.key)
+    return grpc.ssl_channel_credentials(roots, key, certificate)

@@ -212,11 +212,13 @@ class FileDownload:
         return chunk
 
     def _check_same(self, header: Header) -> None:
+        is_same = {path.name for path in self._folder.iterdir()} == {file.file for file in header.files}
         for file in header.files:
             path = self._folder / file.file
-            if not path.is_file() or sha256_of(path) != file.sha256:
-                raise FileExistsError(f"{self._folder} exists already and is not "
-                                      f"{self._kind.resource_of(header)}; name another folder")
+            is_same = is_same and path.is_file() and sha256_of(path) == file.sha256
+        if not is_same:
+            raise FileExistsError(f"{self._folder} exists already and is not "
+                                  f"{self._kind.resource_of(header)}; name another folder")
 
     def _commit(self, header: Header) -> None:
         """Makes the folder of what has arrived."""

@@ -12,6 +12,9 @@ from maneuver.connection import Connection, retriable
 from maneuver.errors import ManeuverError, UnavailableError
 from maneuver.retry import RetryPolicy, retry
 
+# A stream that stands for so many seconds after the server accepted it is a sign of life, also if
+# it stays silent. gRPC does not tell one that is refused from one that is accepted, but for its time.
+STANDING = 0.1
 PATIENCE = 60.0  # a broken watch is picked up for so long after the last sign of life, seconds
 
 
@@ -34,14 +37,14 @@ class Watch:
         seen = False
         ended = False
         while not ended:
-            # Before the first event the job is given the patience of any call.
+            # Before the first sign of life the job is given the patience of any call.
             policy, give_up = self._connection.retries, self._deadline
             if seen:
                 policy = dataclasses.replace(policy, max_attempts=1_000_000)
                 give_up = min(self._deadline, self._connection.clock.now() + PATIENCE)
             stream, job = self._open(policy, give_up)
+            seen = True
             while job is not None:
-                seen = True
                 ended = has_ended(job)
                 self._request.after_sequence = max(self._request.after_sequence,
                                                    job.progress.sequence)
@@ -54,19 +57,26 @@ class Watch:
 
     def _open(self, policy: RetryPolicy, give_up: float
               ) -> "tuple[grpc.Call, Optional[v1.Job]]":
-        """Returns a stream and its first event."""
+        """Returns a stream and its first event; None if it was accepted, and broke without one."""
 
         def attempt() -> "tuple[grpc.Call, Optional[v1.Job]]":
             stream = self._connection.training.WatchJob(
                 self._request, timeout=self._connection.left(self._deadline),
                 metadata=self._connection.metadata)
+            stream.initial_metadata()  # comes at once if the server accepts
+            accepted = self._connection.clock.now()
+            error: ManeuverError
             try:
                 return stream, next(stream).job
             except StopIteration:
-                raise UnavailableError(grpc.StatusCode.UNAVAILABLE,
-                                       "the server stopped telling of the job") from None
+                error = UnavailableError(grpc.StatusCode.UNAVAILABLE,
+                                         "the server stopped telling of the job")
             except grpc.RpcError as failure:
-                raise retriable(failure) from None
+                error = retriable(failure)
+            stood = self._connection.clock.now() - accepted >= STANDING
+            if stood and isinstance(error, UnavailableError):
+                return stream, None
+            raise error
 
         return retry(policy, give_up, attempt, on_retry=self._connection.on_retry,
                      clock=self._connection.clock)

@@ -47,8 +47,9 @@ class PredictStream:
     def __init__(self, connection: Connection, on_answer: OnAnswer, timeout: float) -> None:
         self._on_answer = on_answer
         self._requests: "queue.SimpleQueue[Optional[v1.StreamPredictRequest]]" = queue.SimpleQueue()
-        self._ended = threading.Event()
-        self._failure: Optional[BaseException] = None  # how it ended; set before _ended
+        self._lock = threading.Lock()
+        self._takes_more = True  # guarded by _lock, with what goes into _requests
+        self._failure: Optional[BaseException] = None  # how it ended
         self._call: Any = connection.predictions.StreamPredict(
             self._outgoing(), timeout=timeout, metadata=connection.metadata)
         self._reader = threading.Thread(target=self._read, name="maneuver-stream", daemon=True)
@@ -65,11 +66,9 @@ class PredictStream:
         request_id: the caller's name for it, at most 128 characters.
         request_timeout: the server gives up on this request so many seconds after its arrival.
 
-        Raises ManeuverError once the stream has broken: then open another one.
+        Raises ManeuverError once the stream has broken: then open another one. Raises ValueError
+        after finish() or cancel().
         """
-        if self._ended.is_set():
-            self._raise_failure()
-            raise ValueError("the stream is finished")
         message = v1.StreamPredictRequest(request_id=request_id, request=v1.PredictRequest(
             model=model, scenarios=to_protos(scenes),
             query=query(action_ids=action_ids, min_probability=min_probability, top_k=top_k,
@@ -79,21 +78,31 @@ class PredictStream:
             required_action_names=required_action_names, strict=strict))
         if request_timeout is not None:
             message.timeout.FromNanoseconds(round(request_timeout * 1e9))
-        self._requests.put(message)
+        with self._lock:
+            if self._takes_more:
+                self._requests.put(message)
+                return
+        self._raise_failure()
+        raise ValueError("the stream is finished or cancelled")
+
+    def _take_no_more(self) -> None:
+        with self._lock:
+            self._takes_more = False
+            self._requests.put(None)  # lets gRPC's sender go
 
     def finish(self) -> None:
         """Says that no more requests come, and waits for the answers in flight.
 
         Raises ManeuverError if the stream broke, and what `on_answer` raised if it did.
         """
-        self._requests.put(None)
+        self._take_no_more()
         self._reader.join()
         self._raise_failure()
 
     def cancel(self) -> None:
         """Ends the stream at once; finish() then raises CancelledError."""
         self._call.cancel()
-        self._requests.put(None)
+        self._take_no_more()
 
     def __enter__(self) -> "PredictStream":
         return self
@@ -122,8 +131,7 @@ class PredictStream:
         except BaseException as failure:  # the caller's own, which finish() raises
             self._failure = failure
             self._call.cancel()
-        self._ended.set()
-        self._requests.put(None)  # lets gRPC's sender go
+        self._take_no_more()
 
     def _raise_failure(self) -> None:
         if self._failure is not None:

@@ -71,17 +71,19 @@ class Upload(abc.ABC, Generic[_Committed]):
         most_arrived = 0
         while True:
             there = 0
+            earned = False  # each byte that arrives, and the first sending, earn more patience
             try:
                 arrived, committed = self._ask(deadline)
                 # What this call has sent was committed, and the answer lost.
                 if committed is not None and (self._has_sent or self.may_be_committed_before):
                     return committed
                 there = sum(arrived)
-                if there > most_arrived:  # each byte that arrives earns the upload more patience
-                    most_arrived = there
-                    give_up = min(deadline, connection.clock.now() + PATIENCE)
+                earned = there > most_arrived or not self._has_sent
+                most_arrived = max(most_arrived, there)
                 return self._send(arrived, deadline)
             except UnavailableError:
+                if earned:  # counts from here: what was sent may have taken longer
+                    give_up = min(deadline, connection.clock.now() + PATIENCE)
                 if not self._has_sent or connection.clock.now() >= give_up:
                     raise
                 connection.clock.sleep(connection.retries.initial_backoff)

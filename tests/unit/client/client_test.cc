@@ -4,6 +4,7 @@
 
 #include <atomic>
 #include <filesystem>
+#include <future>
 #include <map>
 #include <mutex>
 #include <set>
@@ -231,6 +232,22 @@ TEST(ClientTest, AStreamOfOutcomesDoesNotWaitForeverForAnAnswer) {
   EXPECT_TRUE(absl::IsDeadlineExceeded(stream->Finish()));
 }
 
+TEST(ClientTest, AStreamOfOutcomesDoesNotWaitForeverForAServerThatDoesNotRead) {
+  std::promise<void> over;
+  TestServer server;
+  server.on_stream_outcomes = [&](OutcomeServerStream*) {
+    over.get_future().wait_for(std::chrono::seconds(10));
+    return grpc::Status::OK;
+  };
+  const auto client = ConnectTo(server.address());
+  const auto stream = client->StreamOutcomes(nullptr, {.timeout = absl::Milliseconds(200)});
+  v1::ReportOutcomesRequest report = ReportOf(1);
+  report.set_model(std::string(16 << 20, 'x'));  // more than gRPC sends unread
+  EXPECT_TRUE(absl::IsDeadlineExceeded(stream->Send(report)));
+  EXPECT_TRUE(absl::IsDeadlineExceeded(stream->Finish()));
+  over.set_value();
+}
+
 TEST(ClientTest, ACancelledStreamOfOutcomesEnds) {
   TestServer server;
   Cancellation cancellation;
@@ -344,6 +361,52 @@ TEST(ClientTest, WatchContinuesAfterABrokenStreamWithoutRepeatingEvents) {
   EXPECT_EQ(job->state(), v1::JOB_STATE_SUCCEEDED);
   EXPECT_EQ(seen, (std::vector<int64_t>{1, 2, 3, 4, 5}));
   EXPECT_EQ(streams, 3);
+}
+
+// A client that picks up a broken watch for 300 ms.
+std::unique_ptr<Client> ConnectImpatiently(const std::string& address) {
+  ClientOptions options;
+  options.address = address;
+  options.retry = {.initial_backoff = absl::Milliseconds(1), .max_backoff = absl::Milliseconds(2)};
+  options.watch_patience = absl::Milliseconds(300);
+  return *Client::Connect(options);
+}
+
+TEST(ClientTest, WatchContinuesAfterSilentStreamsThatWereAccepted) {
+  TestServer server;
+  std::atomic<int> streams = 0;
+  server.on_watch = [&](const auto&, auto* writer) {
+    const int stream = ++streams;
+    v1::WatchJobResponse event;
+    event.mutable_job()->mutable_progress()->set_sequence(stream);
+    event.mutable_job()->set_state(stream == 4 ? v1::JOB_STATE_SUCCEEDED : v1::JOB_STATE_RUNNING);
+    if (stream == 1 || stream == 4) {
+      writer->Write(event);
+    } else {
+      writer->SendInitialMetadata();
+      std::this_thread::sleep_for(std::chrono::milliseconds(600));  // longer than the patience
+    }
+    return stream == 4 ? grpc::Status::OK : Unavailable();
+  };
+  const auto job = ConnectImpatiently(server.address())->WatchJob({}, nullptr);
+  ASSERT_TRUE(job.ok()) << job.status();
+  EXPECT_EQ(job->state(), v1::JOB_STATE_SUCCEEDED);
+  EXPECT_EQ(streams, 4);
+}
+
+TEST(ClientTest, WatchEndsIfTheServerAcceptsNoStreamAnyMore) {
+  TestServer server;
+  std::atomic<int> streams = 0;
+  server.on_watch = [&](const auto&, auto* writer) {
+    if (++streams == 1) {
+      v1::WatchJobResponse event;
+      event.mutable_job()->set_state(v1::JOB_STATE_RUNNING);
+      writer->Write(event);
+    }
+    return Unavailable();
+  };
+  const auto job = ConnectImpatiently(server.address())->WatchJob({}, nullptr);
+  EXPECT_TRUE(absl::IsUnavailable(job.status())) << job.status();
 }
 
 TEST(ClientTest, WatchStopsWhenTheCallerHasSeenEnough) {

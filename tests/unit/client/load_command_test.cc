@@ -10,6 +10,8 @@
 #include "client/cli/load_report.h"
 #include "client/cli/maneuver.h"
 #include "client/cli/table.h"
+#include "tests/unit/client/run_maneuver.h"
+#include "tests/unit/client/test_server.h"
 
 namespace maneuver::cli::load_command_test {
 namespace {
@@ -82,6 +84,23 @@ TEST(LoadCommandTest, NamesAServerThatDoesNotAnswerBeforeSendingLoad) {
   EXPECT_THAT(err.str(), HasSubstr("127.0.0.1:1"));
 }
 
+TEST(LoadCommandTest, SaysThatAllCallsFellIntoTheWarmUp) {
+  client::TestServer server;
+  server.on_predict = [](auto*, const auto&, v1::PredictResponse* response) {
+    response->add_predictions()->add_targets();
+    return grpc::Status::OK;
+  };
+  const Result run = Maneuver(
+      {"--server", server.address(), "load", "--scenes", "1", "--calls", "5", "--warm-up", "60"});
+  EXPECT_EQ(run.status, kOk) << run.err;
+  EXPECT_THAT(run.out, HasSubstr("32 callers: every call fell into the warm-up; set --warm-up 0 or "
+                                 "more --calls"));
+  const Result sweep = Maneuver({"--server", server.address(), "load", "--scenes", "1", "--calls",
+                                 "5", "--warm-up", "60", "--rates", "50%"});
+  EXPECT_EQ(sweep.status, kFailed);
+  EXPECT_THAT(sweep.err, HasSubstr("every call fell into the warm-up, so the capacity is unknown"));
+}
+
 // Two hundred calls at even times in 2 s: number i took i + 1 ms; every tenth was refused instead.
 LoadReport ExampleReport() {
   LoadStep step{"80 %", {.loop = load::OpenLoop{.rate = 100.0}}, {}};
@@ -143,6 +162,23 @@ TEST(LoadReportTest, JsonHasTheFiguresAndNoNaN) {
   EXPECT_NEAR(step["server"]["stages_ms"]["queue"]["mean"], 2.5, 1e-9);
   EXPECT_TRUE(step["server"]["targets"]["expired"].is_null());
   EXPECT_TRUE(step["server"]["batch_size_mean"].is_null());
+}
+
+TEST(LoadReportTest, SaysWhyCallsWereSentLate) {
+  LoadStep step{"9/s", {.max_in_flight = 7}, {}};
+  const load::TimePoint start;
+  const load::Window window{start, start + seconds(2)};
+  for (int i = 0; i < 100; ++i) {
+    step.tally.Add(window, start, start + milliseconds(50), start + milliseconds(60), {{}, 1});
+  }
+  LoadReport report;
+  report.steps = {step};
+  EXPECT_THAT(LoadReportText(report, TableStyle::kText),
+              HasSubstr("the load generator lacks processor time"));
+  report.steps[0].tally.waited = 90;
+  const std::string text = LoadReportText(report, TableStyle::kText);
+  EXPECT_THAT(text, HasSubstr("90 waited because 7 were in flight (--max-in-flight)"));
+  EXPECT_THAT(text, Not(HasSubstr("processor time")));
 }
 
 TEST(LoadReportTest, ShowsMissingFiguresAsDashes) {

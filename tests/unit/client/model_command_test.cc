@@ -59,6 +59,21 @@ class Models final : public v1::ModelService::Service {
     *response = found == named.end() ? version : found->second;
     return grpc::Status::OK;
   }
+  // Sends one file, model.json: "{}".
+  grpc::Status DownloadModelVersion(
+      grpc::ServerContext*, const v1::DownloadModelVersionRequest*,
+      grpc::ServerWriter<v1::DownloadModelVersionResponse>* writer) override {
+    v1::DownloadModelVersionResponse message;
+    message.mutable_header()->set_model_version("models/town/versions/2");
+    v1::ModelFile& file = *message.mutable_header()->add_files();
+    file.set_file("model.json");
+    file.set_size_bytes(2);
+    file.set_sha256("44136fa355b3678a1146ad16f7e8649e94fb4fc21fe77e8310c060f61caaff8a");
+    writer->Write(message);
+    message.set_chunk("{}");
+    writer->Write(message);
+    return grpc::Status::OK;
+  }
   grpc::Status SetModelAlias(grpc::ServerContext*, const v1::SetModelAliasRequest* request,
                              v1::ModelAlias* response) override {
     response->set_name(request->name());
@@ -139,6 +154,21 @@ TEST_F(ModelCommandTest, ShowsWhatAModelReadsAndPredicts) {
   EXPECT_THAT(shown, ContainsRegex("raster +96 x 64 at 0.5 m a pixel"));
   EXPECT_THAT(shown, HasSubstr("backbone"));
   EXPECT_THAT(shown, Not(HasSubstr("vectors")));
+}
+
+TEST_F(ModelCommandTest, PullsIntoNoFolderWithoutAName) {
+  EXPECT_THAT(Run({"model", "pull", "town/2", ""}, kFailed),
+              HasSubstr("cannot download into the folder \"\": Invalid argument"));
+}
+
+TEST_F(ModelCommandTest, AFolderWithMoreThanTheVersionIsNotTheVersion) {
+  const TemporaryFolder folder;
+  const std::string pulled = folder / "town-2";
+  EXPECT_THAT(Run({"model", "pull", "town/2", pulled}), HasSubstr("is town/2"));
+  EXPECT_THAT(Run({"model", "pull", "town/2", pulled}), HasSubstr("is town/2"));
+  WriteBytes(folder / "town-2/baselines.json", "{}");
+  EXPECT_THAT(Run({"model", "pull", "town/2", pulled}, kFailed),
+              HasSubstr("exists already and is not models/town/versions/2"));
 }
 
 TEST_F(ModelCommandTest, LabelsTheVersionThatAModelServes) {

@@ -43,6 +43,7 @@ TEST_F(LoadRunTest, AnOpenLoopKeepsItsRateWhenTheServerIsSlow) {
   const Tally tally = Run();
   EXPECT_EQ(tally.due, 3'000);
   EXPECT_DOUBLE_EQ(tally.OfferedRate(), 300.0);
+  EXPECT_EQ(tally.waited, 0);
   // Answers within the window only, not those that followed it.
   EXPECT_NEAR(tally.AnsweredRate(), 100.0, 0.2);
   EXPECT_EQ(tally.Ended(absl::StatusCode::kOk), 3'000);
@@ -76,6 +77,9 @@ TEST_F(LoadRunTest, LateCallsAreTimedFromWhenTheyWereDue) {
   const Tally tally = Run();
   EXPECT_EQ(server_.most_in_flight, 1);
   EXPECT_EQ(tally.unsent, 0);
+  // Those due between 5 s and 6 s, and some more until they had all been answered.
+  EXPECT_GE(tally.waited, 99);
+  EXPECT_LE(tally.waited, 120);
   EXPECT_NEAR(Milliseconds(tally.answer_latency.Quantile(0.99)), 1'001.0 - 90.0, 1.0);
   EXPECT_GT(tally.lateness.max(), milliseconds(900));
 }
@@ -103,6 +107,25 @@ TEST_F(LoadRunTest, DoesNotMeasureCallsDueInTheWarmUp) {
   EXPECT_EQ(tally.Failed(), 0);
   EXPECT_TRUE(tally.failure.ok());
   EXPECT_EQ(tally.length, seconds(10));
+}
+
+TEST_F(LoadRunTest, TellsThatAllCallsFellIntoTheWarmUp) {
+  plan_.warm_up = seconds(2);
+  plan_.calls = 50;
+  for (const bool open : {true, false}) {
+    if (open) {
+      CallEvenly(100.0);
+    } else {
+      plan_.loop = ClosedLoop{4};
+    }
+    const Tally tally = Run();
+    EXPECT_EQ(tally.due, 0);
+    EXPECT_TRUE(tally.only_warm_up);
+  }
+  plan_.calls = 5'000;  // the server answers 1,000 a second
+  EXPECT_FALSE(Run().only_warm_up);
+  plan_.calls.reset();
+  EXPECT_FALSE(Run().only_warm_up);
 }
 
 TEST_F(LoadRunTest, AClosedLoopKeepsItsCallersBusy) {
