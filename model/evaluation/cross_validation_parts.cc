@@ -3,6 +3,7 @@
 #include <google/protobuf/util/message_differencer.h>
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <set>
 #include <string>
@@ -27,6 +28,9 @@ absl::Status Contradiction(const v1::FoldRun& run, const std::string& what) {
   return absl::DataLossError(absl::StrCat(Describe(run), ": ", what));
 }
 
+// Whether a number can be a probability; sums of some are a little beyond 1.
+bool IsProbability(double value) { return value >= -1e-6 && value <= 1.0 + 1e-6; }
+
 absl::Status CheckSet(const v1::FoldRun& run, const v1::MeasuredSet& set,
                       const Recordings& recordings) {
   for (const v1::MeasuredExample& example : set.examples()) {
@@ -36,6 +40,14 @@ absl::Status CheckSet(const v1::FoldRun& run, const v1::MeasuredSet& set,
     if (example.values_size() != set.value_names_size() ||
         example.strata_size() != set.dimensions_size()) {
       return Contradiction(run, "an example lacks values");
+    }
+    for (int i = 0; i < set.value_names_size(); ++i) {
+      if (std::isfinite(example.values(i))) continue;
+      return Contradiction(run,
+                           absl::StrCat("an example's ", set.value_names(i), " is not finite"));
+    }
+    if (!IsProbability(example.confidence()) || !IsProbability(example.responsibility())) {
+      return Contradiction(run, "an example has a probability beyond 0 and 1");
     }
     for (int i = 0; i < set.dimensions_size(); ++i) {
       if (example.strata(i) < 0 || example.strata(i) >= set.dimensions(i).names_size()) {
@@ -91,8 +103,12 @@ absl::Status CheckRun(const v1::FoldRun& run, const v1::CrossValidationPlan& pla
 }
 
 bool SameColumns(const v1::MeasuredSet& a, const v1::MeasuredSet& b) {
-  return std::equal(a.value_names().begin(), a.value_names().end(), b.value_names().begin(),
-                    b.value_names().end());
+  return std::ranges::equal(a.value_names(), b.value_names()) &&
+         std::ranges::equal(a.dimensions(), b.dimensions(),
+                            [](const v1::StratumDimension& c, const v1::StratumDimension& d) {
+                              return c.dimension() == d.dimension() &&
+                                     std::ranges::equal(c.names(), d.names());
+                            });
 }
 
 absl::Status CheckColumns(const v1::FoldRun& run, const v1::FoldRun& first) {
@@ -101,10 +117,10 @@ absl::Status CheckColumns(const v1::FoldRun& run, const v1::FoldRun& first) {
     same = same && SameColumns(test, first.held_out());
   }
   if (same) return absl::OkStatus();
-  return absl::FailedPreconditionError(
-      absl::StrCat(Describe(run), " and ", Describe(first),
-                   " measured different metrics; run all folds by one version of the program, all "
-                   "of them with --baselines or none"));
+  return absl::FailedPreconditionError(absl::StrCat(
+      Describe(run), " and ", Describe(first),
+      " measured different metrics or strata; run all folds by one version of the program, all "
+      "of them with --baselines or none"));
 }
 
 absl::Status CheckComplete(const std::map<RunKey, v1::FoldRun>& runs, int folds) {

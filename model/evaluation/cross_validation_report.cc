@@ -41,7 +41,7 @@ struct Columns {
     Eigen::VectorXd row = Eigen::VectorXd::Zero(count());
     row[0] = 1.0;
     for (int i = 0; i < values; ++i) row[value(i)] = example.values(i);
-    const int bin = std::min(kBins - 1, static_cast<int>(example.confidence() * kBins));
+    const int bin = std::clamp(static_cast<int>(example.confidence() * kBins), 0, kBins - 1);
     row[confidence(bin)] = example.confidence();
     row[responsibility(bin)] = example.responsibility();
     return row;

@@ -36,12 +36,18 @@ std::string FirstIn(const Message& message, const FieldDescriptor& field, const 
       // A map whose keys are names: its entries have a key and a value.
       const FieldDescriptor& key = *part.GetDescriptor()->map_key();
       const FieldDescriptor& value = *part.GetDescriptor()->map_value();
-      if (key.cpp_type() != FieldDescriptor::CPPTYPE_STRING ||
-          value.cpp_type() != FieldDescriptor::CPPTYPE_DOUBLE) {
-        continue;
+      if (key.cpp_type() != FieldDescriptor::CPPTYPE_STRING) continue;
+      const std::string place =
+          absl::StrCat(path, "[\"", part.GetReflection()->GetString(part, &key), "\"]");
+      if (value.cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE) {
+        const Message& within = part.GetReflection()->GetMessage(part, &value);
+        if (std::string found = FirstNotFinite(within, place + "."); !found.empty()) return found;
       }
-      if (std::isfinite(part.GetReflection()->GetDouble(part, &value))) continue;
-      return absl::StrCat(path, "[\"", part.GetReflection()->GetString(part, &key), "\"]");
+      if (value.cpp_type() == FieldDescriptor::CPPTYPE_DOUBLE &&
+          !std::isfinite(part.GetReflection()->GetDouble(part, &value))) {
+        return place;
+      }
+      continue;
     }
     element += ".";
     if (std::string found = FirstNotFinite(part, element); !found.empty()) return found;

@@ -8,6 +8,8 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+#include "absl/strings/strip.h"
 #include "model/artifact/model_spec.h"
 #include "model/artifact/training_presets.h"
 #include "model/data/dataset_folder.h"
@@ -39,9 +41,16 @@ std::string DatasetName(const fs::path& folder) {
   return (error ? folder : whole).filename().string();
 }
 
+// What the tags of a shard are called, without the endings of their files.
+std::string TagsName(const std::string& dataset, absl::string_view shard) {
+  absl::ConsumeSuffix(&shard, ".tfrecord");
+  return absl::StrCat(dataset, "-", shard);
+}
+
 absl::StatusOr<std::vector<Source>> FindSources(const std::vector<fs::path>& datasets) {
   std::vector<Source> sources;
   std::set<std::string> names;
+  std::set<std::string> tags_names;
   for (const fs::path& folder : datasets) {
     const absl::StatusOr<v1::Dataset> manifest = data::ReadDatasetManifest(folder);
     if (!manifest.ok()) {
@@ -56,7 +65,12 @@ absl::StatusOr<std::vector<Source>> FindSources(const std::vector<fs::path>& dat
     for (const v1::Shard& shard : manifest->shards()) {
       if (shard.content() != v1::SHARD_CONTENT_SCENARIOS) continue;
       Source& source = sources.emplace_back(Source{folder, shard, {}});
-      source.file.set_name(absl::StrCat(name, "-", fs::path(shard.file()).stem().string()));
+      source.file.set_name(TagsName(name, shard.file()));
+      if (!tags_names.insert(source.file.name()).second) {
+        return absl::InvalidArgumentError(
+            absl::StrCat("the tags of two shards would be called ", source.file.name(),
+                         "; tag the datasets into two folders, or rename one"));
+      }
       source.file.set_dataset(name);
       source.file.set_shard(shard.file());
       source.file.set_shard_sha256(shard.sha256());

@@ -63,8 +63,9 @@ v1::ExampleSettings TaggingExamples(const v1::ModelManifest& manifest,
 // threads. A shard that cannot be read is reported in `failures`, and the next one is tagged. Takes
 // memory for a few recordings for each thread, and some 110 bytes for each row of one shard.
 //
-// Errors: INVALID_ARGUMENT for two datasets of the same name, or a stride or part out of range;
-// those of data::ReadDatasetManifest and of PrepareTagFolder; those of writing; CANCELLED.
+// Errors: INVALID_ARGUMENT for two datasets of the same name, two shards whose tags would have one
+// name, or a stride or part out of range; those of data::ReadDatasetManifest and of
+// PrepareTagFolder; those of writing; CANCELLED.
 absl::StatusOr<TaggingSummary> TagDatasets(std::shared_ptr<const inference::ActionModel> model,
                                            const TaggingOptions& options);
 

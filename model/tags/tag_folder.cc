@@ -3,6 +3,8 @@
 #include <google/protobuf/util/json_util.h>
 #include <google/protobuf/util/message_differencer.h>
 
+#include <set>
+#include <string>
 #include <system_error>
 
 #include "absl/strings/match.h"
@@ -68,7 +70,12 @@ absl::Status CheckSchema(const TagSchema& schema) {
   if (schema.action_names().empty()) {
     return absl::DataLossError(absl::StrCat(kSchemaFile, ": action_names is empty"));
   }
+  std::set<std::string> names;
   for (const TagFile& file : schema.files()) {
+    if (!names.insert(file.name()).second) {
+      return absl::DataLossError(
+          absl::StrCat(kSchemaFile, ": files: \"", file.name(), "\" is there twice"));
+    }
     if (!IsPlainName(file.name())) {
       return absl::DataLossError(
           absl::StrCat(kSchemaFile, ": files: \"", file.name(), "\" is not the name of a file"));

@@ -127,6 +127,14 @@ TEST(CrossValidationPartsTest, RefusesMissingRepeatedAndForeignRuns) {
   other.mutable_runs(0)->mutable_held_out()->set_value_names(2, "ade_other");
   EXPECT_THAT(MergeError({Part({{1, 0}}), other}, kFailedPrecondition),
               HasSubstr("different metrics"));
+  other = Part({{1, 1}});
+  v1::MeasuredSet& measured = *other.mutable_runs(0)->mutable_held_out();
+  v1::StratumDimension& type = *measured.add_dimensions();
+  type.set_dimension("type");
+  type.add_names("vehicle");
+  for (v1::MeasuredExample& example : *measured.mutable_examples()) example.add_strata(0);
+  EXPECT_THAT(MergeError({Part({{1, 0}}), other}, kFailedPrecondition),
+              HasSubstr("different metrics or strata"));
 }
 
 TEST(CrossValidationPartsTest, RefusesAModelThatLearnedFromTheGroupItIsMeasuredOn) {
@@ -153,6 +161,14 @@ TEST(CrossValidationPartsTest, RefusesDamagedParts) {
   part = Part({{1, 0}, {1, 1}});
   part.mutable_runs(0)->set_learned(0, -1);
   MergeError({part}, kDataLoss);
+  for (const double confidence : {std::nan(""), -5.0, 1.5}) {
+    part = Part({{1, 0}, {1, 1}});
+    part.mutable_runs(0)->mutable_held_out()->mutable_examples(0)->set_confidence(confidence);
+    EXPECT_THAT(MergeError({part}, kDataLoss), HasSubstr("probability"));
+  }
+  part = Part({{1, 0}, {1, 1}});
+  part.mutable_runs(0)->mutable_held_out()->mutable_examples(0)->set_values(0, HUGE_VAL);
+  EXPECT_THAT(MergeError({part}, kDataLoss), HasSubstr("is not finite"));
 }
 
 class CrossValidationReportTest : public testing::Test {

@@ -49,5 +49,11 @@ TEST(FiniteReportTest, NamesANonFiniteElementOfAList) {
   EXPECT_THAT(Message(report), HasSubstr("action_usage[1]"));
 }
 
+TEST(FiniteReportTest, NamesANonFiniteRange) {
+  v1::EvaluationReport report = Finite();
+  (*report.mutable_input_ranges())["speed"].set_low(kNan);
+  EXPECT_THAT(Message(report), HasSubstr("input_ranges[\"speed\"].low"));
+}
+
 }  // namespace
 }  // namespace maneuver::evaluation::finite_report_test

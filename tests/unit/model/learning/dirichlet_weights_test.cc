@@ -67,6 +67,11 @@ TEST(DirichletWeightsTest, SwitchesOffOneOfTwoEqualActions) {
   EXPECT_NEAR(counts[2].item<double>(), 50.0, 0.1);
 }
 
+TEST(DirichletWeightsTest, TheLargestOfUnneededActionsStays) {
+  const at::Tensor counts = at::tensor({5.0, 8.0, 7.0}, at::kDouble);
+  EXPECT_THAT(UnneededActions(counts, 10.0), testing::ElementsAre(0, 2));
+}
+
 TEST(DirichletWeightsTest, ASwitchedOffActionHasNoProbabilityAndNoGradient) {
   const v1::TrainingSettings settings = TinySettings();
   at::Generator generator = MakeGenerator(1);

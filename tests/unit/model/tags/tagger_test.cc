@@ -1,11 +1,13 @@
 #include "model/tags/tagger.h"
 
 #include <gmock/gmock.h>
+#include <google/protobuf/util/json_util.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <filesystem>
 #include <memory>
 #include <span>
 #include <string>
@@ -13,14 +15,17 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "model/data/dataset_folder.h"
 #include "model/data/example_index.h"
 #include "model/data/town/synthetic_town.h"
 #include "model/evaluation/evaluator.h"
 #include "model/scene/road_map.h"
 #include "model/scene/scene_reader.h"
 #include "model/tags/tag_datasets.h"
+#include "model/tags/tag_set.h"
 #include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/model/inference/reference_model.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::tags::tagger_test {
 namespace {
@@ -164,6 +169,49 @@ TEST(TaggerTest, ARecordingWithoutAWindowHasNoRows) {
   const auto model = SmallModel();
   Tagger tagger(model, {TaggingExamples(model->manifest(), {}), true});
   EXPECT_TRUE(tagger.Tag({}).empty());
+}
+
+// A dataset of two shards, one recording each, that have other names than ours.
+void WriteDatasetOf(const std::filesystem::path& folder, const std::string& first,
+                    const std::string& second) {
+  auto writer = data::DatasetWriter::Create(folder, "a test", {.shard_bytes = 1});
+  ASSERT_TRUE(writer.ok()) << writer.status();
+  for (int i = 0; i < 2; ++i) {
+    ASSERT_TRUE((*writer)->Add(data::town::GenerateRecording({}, i).scenario).ok());
+  }
+  ASSERT_TRUE((*writer)->Commit().ok());
+  v1::Dataset manifest = *data::ReadDatasetManifest(folder);
+  ASSERT_EQ(manifest.shards_size(), 2);
+  for (int i = 0; i < 2; ++i) {
+    const std::string& name = i == 0 ? first : second;
+    std::filesystem::rename(folder / manifest.shards(i).file(), folder / name);
+    manifest.mutable_shards(i)->set_file(name);
+  }
+  std::string json;
+  ASSERT_TRUE(google::protobuf::util::MessageToJsonString(manifest, &json).ok());
+  WriteBytes(folder / "dataset.json", json);
+}
+
+TEST(TagDatasetsTest, ShardsWithDotsInTheirNamesHaveFilesOfTheirOwn) {
+  const TemporaryFolder folder;
+  WriteDatasetOf(folder / "town", "part.1", "part.2");
+  TaggingOptions options;
+  options.datasets = {folder / "town"};
+  options.output = folder / "tags";
+  const auto summary = TagDatasets(SmallModel(), options);
+  ASSERT_TRUE(summary.ok()) << summary.status();
+  EXPECT_EQ(summary->shards, 2);
+  const auto set = TagSet::Open({folder / "tags"});
+  ASSERT_TRUE(set.ok()) << set.status();
+  EXPECT_EQ(set->shards.size(), 2u);
+  // Of two datasets, also names that become one.
+  WriteDatasetOf(folder / "a", "b-x", "y");
+  WriteDatasetOf(folder / "a-b", "x", "z");
+  options.datasets = {folder / "a", folder / "a-b"};
+  options.output = folder / "other";
+  const auto refused = TagDatasets(SmallModel(), options);
+  EXPECT_EQ(refused.status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(std::string(refused.status().message()), testing::HasSubstr("called a-b-x"));
 }
 
 }  // namespace
