@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Backs up a data folder: models, aliases, datasets, tags, jobs and their checkpoints.
+# Backs up a data folder: models, aliases, datasets, tags, outcomes, jobs and their checkpoints.
 # The server may run meanwhile, and its jobs with it.
 #
 #   deploy/backup.sh DATA_DIR BACKUP [--previous OTHER_BACKUP] [--without-datasets] [--store URI]
@@ -10,10 +10,11 @@
 # links; on the same file system). deploy/restore.sh makes a data folder of it.
 # Needs rsync and sqlite3, or pg_dump for --store. Run it as the server's user, or as root.
 set -euo pipefail
+umask 077  # as the data folder: jobs have settings and logs
 
 usage() { sed -n '2,12s/^# \{0,1\}//p' "$0"; }
 refuse() { echo "backup: $1" >&2; exit 2; }
-folders=(models jobs tags datasets)
+folders=(models jobs tags outcomes datasets)
 dumped=()
 previous=
 store=
@@ -23,7 +24,7 @@ while [ $# -gt 0 ]; do
     --previous) previous=$(realpath -e -- "${2:?--previous needs a back-up}"); shift ;;
     --store) store=${2:?--store needs a URI}; shift ;;
     # Their list too: names whose folder is missing could not be uploaded again.
-    --without-datasets) folders=(models jobs tags); dumped=(--exclude-table-data='*.datasets') ;;
+    --without-datasets) folders=(models jobs tags outcomes); dumped=(--exclude-table-data='*.datasets') ;;
     -h|--help) usage; exit 0 ;;
     -*) refuse "unknown option $1; see --help" ;;
     *) positional+=("$1") ;;
@@ -66,10 +67,10 @@ copy_all() {  # copy_all [flags]: no folder of a model or a dataset is there in 
     for _ in $(seq 20); do
       status=0
       copy "$folder" "$@" || status=$?
-      # Of jobs the files come and go all the time, each for itself.
-      [ "$status" -eq 24 ] && [ "$folder" != jobs ] || break
+      # Of jobs and outcomes the files come and go all the time, each for itself.
+      [ "$status" -eq 24 ] && [[ $folder != jobs && $folder != outcomes ]] || break
     done
-    if [ "$status" -ne 0 ] && ! { [ "$status" -eq 24 ] && [ "$folder" = jobs ]; }; then
+    if [ "$status" -ne 0 ] && ! { [ "$status" -eq 24 ] && [[ $folder == jobs || $folder == outcomes ]]; }; then
       cat "$unfinished.log" >&2
       echo "backup: $data/$folder could not be copied (rsync: $status)" >&2
       exit 1

@@ -9,6 +9,7 @@
 # it serves what served, and jobs that had not ended go on from their checkpoints.
 # --owner gives the files to the server's user (needs root).
 set -euo pipefail
+umask 077
 
 usage() { sed -n '2,10s/^# \{0,1\}//p' "$0"; }
 refuse() { echo "restore: $1" >&2; exit "${2:-2}"; }

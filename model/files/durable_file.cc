@@ -74,7 +74,12 @@ absl::StatusOr<std::string> ReadFile(const fs::path& file) {
   const int descriptor = open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   if (descriptor < 0) return ErrnoStatus(errno, "open", file);
   struct stat about {};
-  if (fstat(descriptor, &about) != 0 || !S_ISREG(about.st_mode)) {
+  if (fstat(descriptor, &about) != 0) {
+    const int error = errno;
+    close(descriptor);
+    return ErrnoStatus(error, "read", file);
+  }
+  if (!S_ISREG(about.st_mode)) {
     close(descriptor);
     return S_ISDIR(about.st_mode) ? ErrnoStatus(EISDIR, "read", file)
                                   : absl::DataLossError(NameOf(file) + " is not a file");

@@ -123,7 +123,8 @@ absl::Status FileReceiver::Commit(const fs::path& beside,
   // Nothing is left to be gone on with, or nothing that could come to a good end.
   discarded_ = status_.ok() || absl::IsInvalidArgument(status_) || absl::IsAlreadyExists(status_);
   const MutexLock lock(slot_->mutex);
-  if (discarded_) staging_->RemoveFolder(*slot_);
+  // Unless a call of another server has begun the upload anew meanwhile.
+  if (discarded_ && staging_->HasTurn(*slot_).value_or(false)) staging_->RemoveFolder(*slot_);
   slot_->committing = false;
   return status_;
 }

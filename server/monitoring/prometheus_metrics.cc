@@ -8,6 +8,7 @@
 #include <prometheus/text_serializer.h>
 
 #include <algorithm>
+#include <atomic>
 #include <iterator>
 #include <map>
 #include <system_error>
@@ -79,15 +80,18 @@ class ProcessCollectable final : public prometheus::Collectable {
   }
 };
 
-// The space on a folder's disk, read each time the page is made.
+// The space on a folder's disk, read each time the page is made. A disk that does not answer takes
+// one page with it; further ones lack the two metrics.
 class DiskCollectable final : public prometheus::Collectable {
  public:
   explicit DiskCollectable(std::filesystem::path folder) : folder_(std::move(folder)) {}
 
   std::vector<prometheus::MetricFamily> Collect() const override {
     using prometheus::MetricType;
+    if (is_asked_.exchange(true)) return {};
     std::error_code error;
     const auto space = std::filesystem::space(folder_, error);
+    is_asked_ = false;
     if (error) return {};
     return {Family("maneuver_data_disk_bytes", "Size of the disk that holds the data folder.",
                    MetricType::Gauge, static_cast<double>(space.capacity)),
@@ -98,6 +102,7 @@ class DiskCollectable final : public prometheus::Collectable {
 
  private:
   const std::filesystem::path folder_;
+  mutable std::atomic<bool> is_asked_ = false;
 };
 
 class PrometheusRegistry final : public PrometheusMetrics {

@@ -54,7 +54,7 @@ ServingTable::ServingTable(VersionStore& versions, AliasStore& aliases, ModelLoa
       alias_store_(aliases),
       loader_(std::move(loader)),
       options_(options),
-      metrics_(metrics) {}
+      metrics_(metrics, options.serves) {}
 
 void ServingTable::OnReadyChange(std::function<void(bool)> listener) {
   const MutexLock change(change_mutex_);

@@ -22,7 +22,7 @@ monitoring::Counter& SwapCounter(monitoring::MetricRegistry& registry, std::stri
 
 }  // namespace
 
-ServingTableMetrics::ServingTableMetrics(monitoring::MetricRegistry& registry)
+ServingTableMetrics::ServingTableMetrics(monitoring::MetricRegistry& registry, bool serves)
     : registry_(registry),
       loaded_(registry.AddGauge("maneuver_models_loaded", "Model versions that are in memory.")),
       load_time_(registry.AddHistogram("maneuver_model_load_seconds",
@@ -32,9 +32,10 @@ ServingTableMetrics::ServingTableMetrics(monitoring::MetricRegistry& registry)
                                         "Model versions that could not be loaded, or did not "
                                         "survive the warm-up.")),
       serving_models_(
-          registry.AddGauge("maneuver_serving_models",
-                            "Models whose serving version is in memory; with none of them the "
-                            "server is not ready.")) {
+          serves ? &registry.AddGauge("maneuver_serving_models",
+                                      "Models whose serving version is in memory; with none of "
+                                      "them the server is not ready.")
+                 : nullptr) {
   for (const std::string_view alias : kShownAliases) {
     swaps_[std::string(alias)] = &SwapCounter(registry, std::string(alias));
   }
@@ -58,7 +59,7 @@ void ServingTableMetrics::Show(const std::map<ModelAliasName, int>& aliases) {
                               {{"model", name.model}, {"alias", std::string(alias)}});
     }
   }
-  serving_models_.Set(serving);
+  if (serving_models_ != nullptr) serving_models_->Set(serving);
   for (const auto& [name, gauge] : versions_) {
     const auto found = aliases.find(name);
     gauge->Set(found == aliases.end() ? 0 : found->second);

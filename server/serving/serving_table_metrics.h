@@ -15,7 +15,9 @@ namespace maneuver::serving {
 // Show and CountSwap need one caller at a time; the rest is safe to use from any thread.
 class ServingTableMetrics {
  public:
-  explicit ServingTableMetrics(monitoring::MetricRegistry& registry);
+  //   serves: whether this server keeps versions in memory. One that does not has no number of
+  //   models that serve, which would be 0 for ever.
+  ServingTableMetrics(monitoring::MetricRegistry& registry, bool serves);
 
   // Sets the number of versions in memory.
   void SetLoaded(size_t versions) { loaded_.Set(static_cast<double>(versions)); }
@@ -33,7 +35,7 @@ class ServingTableMetrics {
   monitoring::Gauge& loaded_;
   monitoring::Histogram& load_time_;
   monitoring::Counter& failed_loads_;
-  monitoring::Gauge& serving_models_;
+  monitoring::Gauge* serving_models_;                  // nullptr if there is none
   std::map<std::string, monitoring::Counter*> swaps_;  // by alias; "": any other
   std::set<std::string> models_;                       // that have gauges
   std::map<security::ModelAliasName, monitoring::Gauge*> versions_;

@@ -130,6 +130,8 @@ def prepare(options, work, servers):
     (data / "models" / "small").mkdir(parents=True)
     for version in (1, 2):
         subprocess.run([options.small_model, data / "models" / "small" / str(version), str(version)], check=True)
+    (data / "outcomes").mkdir()
+    (data / "outcomes" / "kept").write_bytes(b"a recording of an outcome")
     server = Server(options, data)
     servers.append(server)
     server.maneuver("model", "promote", "small/2")
@@ -163,6 +165,9 @@ def run(options, work, servers):
     shard = "datasets/town/scenarios-00000.tfrecord"
     inodes = {os.stat(work / f"backup-{i}" / shard).st_ino for i in (1, 2)}
     check(len(inodes) == 1, "what has not changed is there once")
+    check((work / "backup-1/outcomes/kept").exists(), "recordings of outcomes are backed up")
+    for path in (work / "backup-1", work / "backup-1/maneuver.db"):
+        check(path.stat().st_mode & 0o077 == 0, f"{path} is its owner's alone")
 
     second = subprocess.run([options.maneuverd, "--data-dir", server.data, "--listen", "127.0.0.1:0", "--metrics-listen",
                              "none"], capture_output=True, text=True, timeout=PATIENCE_S)

@@ -14,6 +14,7 @@ without them. The second half needs root and bindfs; it is left out without them
 """
 
 import argparse
+import contextlib
 import errno
 import os
 import pathlib
@@ -246,6 +247,17 @@ def check_folder_fails(fleet, errors):
         ], errors)
 
 
+def check_pages(fleet):
+    """A page that asks the disk may hang, but not those after it: nobody would see the outage, nor a probe an answer."""
+    for server in fleet.servers:
+        answered = 0
+        for _ in range(3):
+            with contextlib.suppress(OSError), urllib.request.urlopen(f"http://{server.metrics}/metrics", timeout=2) as page:
+                answered += b"maneuver_build_info" in page.read()
+        print(f"{answered} of 3 pages of {server.name} while the folder hangs")
+        check(answered >= 2, "a page after the one that hangs is answered")
+
+
 def lose_volume(options, fleet, pulse, volume, errors):
     client = fleet.client()
     for what, lose, mend in (("while the folder hangs", volume.hang, volume.go_on),
@@ -260,6 +272,8 @@ def lose_volume(options, fleet, pulse, volume, errors):
             thread.start()
         if lose == volume.fail:
             check_folder_fails(fleet, errors)
+        else:
+            check_pages(fleet)
         while time.monotonic() < end:
             check_health(fleet, what)
             list(client.list_jobs(timeout=20))

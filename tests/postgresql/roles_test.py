@@ -78,6 +78,7 @@ def predicts_elsewhere(server, scene):
         check(refused.returncode != 0 and "PREDICTIONS_ELSEWHERE" in refused.stdout + refused.stderr,
               f"{call}: {refused.stdout}{refused.stderr}")
     check("maneuver_model_version{" not in server.metrics_page(), "it has loaded no model")
+    check("maneuver_serving_models" not in server.metrics_page(), "and none is missing: nobody is woken up")
 
 
 def replicas(fleet, server, model):

@@ -73,7 +73,7 @@ TEST_F(ServingTableMetricsTest, CountsAVersionThatCannotBeLoaded) {
 
 TEST(ServingTableMetricsLimitTest, HasLabelsForAtMost32Models) {
   const auto page = monitoring::PrometheusMetrics::Create();
-  ServingTableMetrics metrics(*page);
+  ServingTableMetrics metrics(*page, /*serves=*/true);
   std::map<security::ModelAliasName, int> aliases;
   for (int i = 0; i < 40; ++i) aliases[{"model" + std::to_string(i), "serving"}] = 1;
   metrics.Show(aliases);
@@ -85,6 +85,13 @@ TEST(ServingTableMetricsLimitTest, HasLabelsForAtMost32Models) {
   }
   EXPECT_EQ(series, 2 * 32);
   EXPECT_THAT(text, HasSubstr("\nmaneuver_serving_models 40\n"));
+}
+
+TEST(ServingTableMetricsWithoutServingTest, HasNoNumberOfModelsThatServe) {
+  const auto page = monitoring::PrometheusMetrics::Create();
+  ServingTableMetrics metrics(*page, /*serves=*/false);
+  metrics.Show({});
+  EXPECT_THAT(page->Page(), testing::Not(HasSubstr("maneuver_serving_models")));
 }
 
 }  // namespace
