@@ -68,15 +68,22 @@ class Trial:
     def __init__(self, options, work):
         self.options = options
         self.work = work
-        self.replicas = [Replica(work, f"replica{i}", options.maneuverd, options.model, options.delay) for i in (1, 2)]
-        self.balancer = Balancer(work, self.replicas) if options.through == "edge" else None
-        self.way = Way(self.balancer, self.replicas)
+        self.replicas = []
+        self.balancer = None
         self.rows = []
         self.broken = []
         with tempfile.TemporaryDirectory() as folder:
             self.messages = load_messages(folder)[0]
         request_json = (REPOSITORY / "tests" / "clients" / "request.json").read_text()
         self.request = json_format.Parse(request_json, self.messages.PredictRequest())
+
+    def start(self):
+        for i in (1, 2):
+            self.replicas.append(Replica(self.work, f"replica{i}", self.options.maneuverd, self.options.model,
+                                         self.options.delay))
+        if self.options.through == "edge":
+            self.balancer = Balancer(self.work, self.replicas)
+        self.way = Way(self.balancer, self.replicas)
 
     def prepare(self):
         for replica in self.replicas:
@@ -114,6 +121,8 @@ class Trial:
         late = [f for f in plain.failures if f.begun > gone + TELLING_S]
         if plain.failures and not kill or late:
             self.broken.append(f"{name}: {(late or plain.failures)[0]} with the replica gone at {gone}")
+        if not (plain.answered and retrying.answered and stream.answered):
+            self.broken.append(f"{name}: some of the Python callers were never answered")
         if retrying.failures or stream.failures:
             self.broken.append(f"{name}: {(retrying.failures + stream.failures)[0]} in spite of retries")
         for retries, codes in zip((False, True), ended):
@@ -163,6 +172,7 @@ class Trial:
     def run(self):
         other_version = self.work / "maneuverd-next"
         shutil.copy2(self.options.maneuverd, other_version)
+        self.start()
         self.prepare()
         self.under_load("killed", self.kill, kill=True)
         self.under_load("drained", lambda: self.stop_and_start(self.replicas[1], self.options.maneuverd))

@@ -9,7 +9,6 @@ test is about who gets which call. Exit status 1 if a call goes nowhere.
 
 import argparse
 import pathlib
-import shutil
 import subprocess
 import tempfile
 
@@ -23,18 +22,22 @@ class Containers:
 
     def __init__(self, work, options):
         self.options = options
+        self._work = work
         self._log = open(work / "log", "wb")
+        self.processes = {}
+
+    def start(self):
         calls, metrics, self._port = free_port(), free_port(), free_port()
         text = (REPOSITORY / "deploy" / "compose" / "haproxy.cfg").read_text()
         for name, address in NAMES.items():
             text = text.replace(f" {name}:8470", f" {address}:{calls}")
         text = text.replace("port 9470", f"port {metrics}").replace("bind :8470", f"bind 127.0.0.1:{self._port}")
-        (work / "haproxy.cfg").write_text(text)
-        self.processes = {
-            name: self._start([options.maneuverd, "--data-dir", work / name, "--listen", f"{address}:{calls}",
-                               "--metrics-listen", f"{address}:{metrics}", "--insecure"])
-            for name, address in NAMES.items()}
-        self.processes["haproxy"] = self._start(["haproxy", "-db", "-f", work / "haproxy.cfg"])
+        (self._work / "haproxy.cfg").write_text(text)
+        for name, address in NAMES.items():
+            self.processes[name] = self._start([
+                self.options.maneuverd, "--data-dir", self._work / name, "--listen", f"{address}:{calls}",
+                "--metrics-listen", f"{address}:{metrics}", "--insecure"])
+        self.processes["haproxy"] = self._start(["haproxy", "-db", "-f", self._work / "haproxy.cfg"])
         self._direct = [f"{address}:{calls}" for address in NAMES.values()]
 
     def _start(self, command):
@@ -58,16 +61,12 @@ class Containers:
         self._log.close()
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    for program in ("maneuverd", "maneuver", "small-model"):
-        parser.add_argument(f"--{program}", required=True)
-    options = parser.parse_args()
-    work = pathlib.Path(tempfile.mkdtemp(prefix="maneuver-compose-"))
+def run(options, work):
     subprocess.run([options.small_model, work / "model"], check=True, stdout=subprocess.DEVNULL)
     containers = Containers(work, options)
     predictions = ("health", "maneuver.v1.PredictionService")
     try:
+        containers.start()
         wait_for(lambda: containers.ask("model", "list"), "waited for an answer through HAProxy")
         assert not containers.ask(*predictions), "a server without a model was asked for predictions"
         containers.serve_a_model(work / "model")
@@ -82,7 +81,15 @@ def main():
         raise
     finally:
         containers.stop()
-    shutil.rmtree(work)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for program in ("maneuverd", "maneuver", "small-model"):
+        parser.add_argument(f"--{program}", required=True)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="maneuver-compose-") as work:
+        run(options, pathlib.Path(work))
     print("calls reach the servers that can answer them")
 
 

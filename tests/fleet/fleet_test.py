@@ -266,6 +266,7 @@ class FindTest(unittest.TestCase):
         random.seed(1)
         boots = [[random.choices(list(counts.values()), k=len(counts)) for counts in scenes.values()]
                  for _ in range(2000)]
+        self.assertTrue(changes)
         for name, change in changes.items():
             june, may = (share(counts.values(), name) for counts in scenes.values())
             self.assertAlmostEqual(change["difference"], june - may, places=9)
@@ -286,6 +287,7 @@ class FindTest(unittest.TestCase):
             self.assertEqual(part["windows"], counts.total())
             for group, sums in part["groups"].items():
                 self.assertAlmostEqual(sums["share"], counts[group] / counts.total(), places=9)
+            self.assertTrue(part["changes"])
             for change in part["changes"].values():
                 self.assertEqual(change["difference"], 0.0)
                 self.assertLessEqual(change["low"], 0.0)

@@ -40,6 +40,7 @@ SERVER_ALONE_MB = {"ping": 96, "settings": 32, "empty-continuation": 32, "window
 # after the end of the attack no longer than before it.
 LONGEST_ANSWER_S = 2.0
 LONGEST_RECOVERY_S = 5.0
+SHORT_ANSWER_S = 0.1  # the few answers before an attack may all have been faster by chance
 # How long a silent connection is kept, in seconds: the server's --handshake-timeout, and HAProxy's "timeout http-request".
 HANDSHAKE_S = 2
 REQUEST_S = 10
@@ -231,6 +232,8 @@ class Trial:
             caller.end()
             calls = self.balancer.calls() - calls if self.edge else 0
         during = caller.between(attacked, ended)
+        if not sum(t["sent_bytes"] for t in told):
+            self.broken.append(f"{name}: no attacker sent a byte")
         row = self.rows.setdefault(name, Row())
         row.add(told, before, during, recovered, grew, len(caller.failures), calls)
         self.judge(name, during, recovered, grew, caller)
@@ -245,11 +248,12 @@ class Trial:
             self.start()
 
     def wait_until_recovered(self, caller, ended, before):
-        """Seconds after `ended` until five calls in a row took no longer than twice the p99 of `before`."""
+        """Seconds after `ended` until five calls in a row were short, or took at most twice the p99 of `before`."""
+        most = max(SHORT_ANSWER_S, 2 * p99(before))
         while time.monotonic() < ended + 4 * LONGEST_RECOVERY_S:
             after = [call for call in list(caller.answers) if call[0] >= ended]
             for first in range(len(after) - 4):
-                if all(took <= 2 * p99(before) for _, took in after[first:first + 5]):
+                if all(took <= most for _, took in after[first:first + 5]):
                     return after[first][0] - ended
             time.sleep(0.05)
         return float("inf")
@@ -263,6 +267,8 @@ class Trial:
             return
         if caller.failures:
             self.broken.append(f"{name}: {len(caller.failures)} failures of another caller: {caller.failures[0]}")
+        if not caller.streamed:
+            self.broken.append(f"{name}: another caller's stream was never answered")
         if not during or during[-1] > LONGEST_ANSWER_S:
             self.broken.append(f"{name}: another caller waited {during[-1] if during else 0:.2f} s for one of {len(during)}")
         if recovered > LONGEST_RECOVERY_S:

@@ -64,6 +64,8 @@ BASES = [f"models/seed/versions/{number}" for number in range(1, LEARNED_MODELS 
 HOUR_NS = 3600 * 10**9
 # Codes after which a change may have happened: the answer was lost, or nobody can know.
 LOST = {grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.CANCELLED, grpc.StatusCode.DEADLINE_EXCEEDED}
+# Codes of google.rpc.Status with which no job fails on a sound machine.
+AT_FAULT = {code.value[0] for code in (grpc.StatusCode.UNKNOWN, grpc.StatusCode.INTERNAL, grpc.StatusCode.DATA_LOSS)}
 ENDED = {v1.JOB_STATE_SUCCEEDED, v1.JOB_STATE_FAILED, v1.JOB_STATE_CANCELLED}
 
 
@@ -102,10 +104,12 @@ class Faults:
         with open(file, "r+b") as opened:
             self._map = mmap.mmap(opened.fileno(), 32)
         self.armed = 0
+        self.injected = 0  # faults so far
         self.told = "no fault yet"
 
     def arm(self, error, succeed, fail):
         self.armed = error
+        self.injected += 1
         self.told = f"{errno.errorcode.get(error, 'hangs')} after {succeed} operations, {fail} times"
         self._map[8:24] = struct.pack("<qq", succeed, fail)
         self._map[0:8] = struct.pack("<q", error)
@@ -114,7 +118,12 @@ class Faults:
         self._map[0:8] = bytes(8)
         self.armed = 0
 
+    def mark(self):
+        """A number that stays the same until another fault is injected; None while something fails."""
+        return None if self.armed else self.injected
+
     def jump(self, offset_ns):
+        self.injected += 1
         self._map[24:32] = struct.pack("<q", offset_ns)
 
 
@@ -165,6 +174,21 @@ class Server:
         self.close()
         return status
 
+    def stop_well(self):
+        """Stops it in order. It has run until then, and no signal ends it."""
+        self.check_runs()
+        status = self.stop(kill=False)
+        if status < 0:
+            raise Violation(self.ended(status))
+
+    def check_runs(self):
+        status = self.process.poll()
+        if status is not None:
+            raise Violation(self.ended(status))
+
+    def ended(self, status):
+        return f"the server ended with {status}:\n{self.log.read_text(errors='replace')[-2000:]}"
+
     def close(self):
         if self.client is not None:
             self.client.close()
@@ -209,6 +233,7 @@ class Job:
         self.version = ""
         self.weights = ""  # SHA-256 of the version's
         self.tag_deletions = 0  # of its tags, when it was asked for
+        self.mark = None  # Faults.mark() when it was asked for
 
 
 class Caller:
@@ -233,6 +258,7 @@ class Caller:
         self.map = None  # (the server's start, id) of the newest map that was registered
         self.lost_requests = {}  # request id: work
         self.requests = {}  # request id: (work, job)
+        self.marks = {}  # request id: Faults.mark() when it was sent first
         self.gone = set()  # trained versions that were deleted, or may be
         self.scenes = 0
         self.failure = None
@@ -360,6 +386,7 @@ class Caller:
     def ask(self, request, work):
         begun = [(self.tags[work.tags[0]], work.tags[1])] if work.tags else []
         deletions = self.tag_deletions[work.tags[0]] if work.tags else 0
+        self.marks.setdefault(request, self.run.faults.mark())
         job = self.attempt(f"{work.kind} as {request}", lambda: work.call(request), *begun)
         if job is None:
             if self.lost:
@@ -368,6 +395,7 @@ class Caller:
         require(job.name not in self.jobs, f"{job.name} of {request} is that of another request")
         self.jobs[job.name] = Job(job.name, work)
         self.jobs[job.name].tag_deletions = deletions
+        self.jobs[job.name].mark = self.marks[request]
         self.requests[request] = (work, job.name)
 
     def promotion(self):
@@ -606,6 +634,8 @@ class Caller:
             self.may_begin_tags(job)  # after the tags were listed
             why = maneuver.errors.from_status(seen.error) if seen.HasField("error") else ""
             self.run.ends[f"{job.work.kind}: {v1.JobState.Name(seen.state)[10:]} {why}"] += 1
+            require(seen.error.code not in AT_FAULT or job.mark is None or job.mark != self.run.faults.mark(),
+                    f"{job.name} failed without a fault since it was asked for: {why}")
         else:
             require(whole == job.ended, f"{job.name} had ended, and has changed:\n{v1.Job.FromString(job.ended)}\n{seen}")
         job.ended = whole
@@ -702,7 +732,8 @@ class Run:
             was_armed, _ = self.faults.armed, self.faults.heal()
             if listens:
                 return
-            require(was_armed, f"the server did not start:\n{self.server.log.read_text()[-2000:]}")
+            status = self.server.process.returncode
+            require(was_armed and status >= 0, f"the server did not start: {self.server.ended(status)}")
             self.event("refused to start on a disk that fails")
 
     def hold_lock(self):
@@ -735,29 +766,41 @@ class Run:
             thread.start()
         # Every tenth round is long enough for a job to end.
         time.sleep(self.random.uniform(0.05, self.options.longest) if number % 10 else 3 * self.options.longest)
+        killed = 0
         if self.random.random() < 0.2:
             for trainer in self.server.trainers():
                 self.event("kill of a trainer")
+                killed += 1
                 with contextlib.suppress(ProcessLookupError):  # it may have ended just now
                     os.kill(trainer, 9)
         end = self.random.choices(("kill", "term", "none"), (6, 1, 3))[0]
         self.event({"kill": "kill", "term": "orderly end", "none": "no end"}[end])
+        ended = self.server.process.poll()
         if end == "kill":
+            killed += 1
             self.server.process.kill()
         over.set()
         if end == "none":
             self.faults.heal()
         for thread in threads:
             thread.join()
+        self.faults.injected += killed
+        if ended is not None:
+            raise Violation(self.server.ended(ended))
         for caller in self.callers:
             require(caller.failure is None, caller.failure)
+        if end == "kill":
+            status = self.server.stop(kill=True)
+            if status != -signal.SIGKILL:
+                raise Violation(self.server.ended(status))
+        elif end == "term":
+            self.server.stop_well()
         if end != "none":
-            self.server.stop(kill=end == "kill")
             self.faults.heal()
             self.start()
             self.check_leftovers()
         else:
-            require(self.server.process.poll() is None, f"the server ended:\n{self.server.log.read_text()[-2000:]}")
+            self.server.check_runs()
             scored = self.server.scored_outcomes()
             require(self.scored_before + self.outcomes <= scored <= self.scored_before + self.outcomes + self.outcomes_maybe,
                     f"{scored} outcomes are counted; {self.scored_before} were before, {self.outcomes} are acknowledged")
@@ -805,6 +848,7 @@ class Run:
 
         wait_for(all_ended, "every job ends", self.options.patience)
         self.check()
+        self.server.check_runs()
 
     def keep(self):
         """Keeps the data folder and the log so that a violation can be examined."""
@@ -828,7 +872,7 @@ class Run:
             self.bases[job.model_version] = digest(folder / "weights.safetensors")
             self.with_actions.add(self.bases[job.model_version])
             client.delete_job(job.name)
-        self.server.stop(kill=False)
+        self.server.stop_well()
 
     def play(self):
         self.start()
@@ -845,7 +889,7 @@ class Run:
                 print(f"round {number}: {sum(self.calls.values())} calls", flush=True)
         try:
             self.settle()
-        except Violation as violation:
+        except (Violation, maneuver.ManeuverError) as violation:
             print(f"VIOLATION after the last round of seed {self.options.seed}: {violation}", file=sys.stderr)
             self.keep()
             return 1
@@ -860,6 +904,9 @@ class Run:
                 print(f"{count:7d} {what}")
             for what, count in sorted(self.ends.items()):
                 print(f"{count:7d} jobs ended: {what}")
+        if not acknowledged:
+            print("FAILED: no call was acknowledged", file=sys.stderr)
+            return 1
         return 0
 
 

@@ -11,36 +11,13 @@
 #include <string>
 #include <vector>
 
-#include "maneuver/v1/admin_service.pb.h"
-#include "maneuver/v1/dataset_service.pb.h"
-#include "maneuver/v1/model_service.pb.h"
-#include "maneuver/v1/outcome_service.pb.h"
-#include "maneuver/v1/prediction_service.pb.h"
-#include "maneuver/v1/replica_service.pb.h"
-#include "maneuver/v1/tag_service.pb.h"
-#include "maneuver/v1/training_service.pb.h"
+#include "tests/integration/all_methods.h"
 #include "tests/integration/server_process.h"
 
 namespace maneuver::integration {
 namespace {
 
 using google::protobuf::MethodDescriptor;
-
-std::vector<const MethodDescriptor*> AllMethods() {
-  std::vector<const MethodDescriptor*> methods;
-  for (const auto* file :
-       {v1::PredictRequest::descriptor()->file(), v1::ActionSet::descriptor()->file(),
-        v1::UploadHeader::descriptor()->file(), v1::Job::descriptor()->file(),
-        v1::Tags::descriptor()->file(), v1::GetLogLevelRequest::descriptor()->file(),
-        v1::ReportOutcomesRequest::descriptor()->file(), v1::Replica::descriptor()->file()}) {
-    for (int s = 0; s < file->service_count(); ++s) {
-      for (int m = 0; m < file->service(s)->method_count(); ++m) {
-        methods.push_back(file->service(s)->method(m));
-      }
-    }
-  }
-  return methods;
-}
 
 // Calls /service/method with one empty message, and reads the whole answer.
 grpc::Status Call(const std::shared_ptr<grpc::Channel>& channel, const std::string& method) {

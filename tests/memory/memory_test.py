@@ -38,6 +38,9 @@ WATCHES = 1000
 MOST_POINTS = 490_000  # of a map
 PREDICT = "/maneuver.v1.PredictionService/Predict"
 GET_SCENARIO = "/maneuver.v1.DatasetService/GetScenario"
+# How a call may end. The server also cancels what is large and slow, and finds that an upload is damaged.
+ENDS = {"OK", "RESOURCE_EXHAUSTED", "DEADLINE_EXCEEDED", "UNAVAILABLE", "CANCELLED"}
+UPLOAD_ENDS = ENDS - {"OK"} | {"DATA_LOSS"}
 # What is asked for at any moment, in limits: three together.
 SHARES = {"hold": 0.5, "fetch": 0.5, "predict": 0.75, "register": 0.75, "upload": 0.5}
 
@@ -122,6 +125,9 @@ class Load:
         self.server = server
         self.over = threading.Event()
         self.ends = collections.Counter()
+        self.full = 0  # refusals with the reason MEMORY_FULL
+        self.watched = 0  # watches that were open to the end
+        self.called = None  # the figures of `maneuver load`
         self.lock = threading.Lock()
         # The largest messages that the server takes have a 32nd of the limit. They are joined from bytes: writing large
         # ones is slow in Python.
@@ -157,7 +163,11 @@ class Load:
 
     def note(self, kind, error):
         with self.lock:
-            self.ends[f"{kind}: {error.code().name if isinstance(error, grpc.RpcError) else error}"] += 1
+            if isinstance(error, grpc.RpcError):
+                details = dict(error.trailing_metadata() or ()).get("grpc-status-details-bin", b"")
+                self.full += b"MEMORY_FULL" in details.replace(b"SEND_MEMORY_FULL", b"")
+                error = error.code().name
+            self.ends[kind, error] += 1
 
     def hold(self, channel):
         """Asks for answers of `size` bytes, and reads none of them."""
@@ -221,24 +231,30 @@ class Load:
                     for _ in range(WATCHES // 100)]
         watches = [channel.unary_stream("/grpc.health.v1.Health/Watch")(b"") for channel in channels for _ in range(100)]
         self.over.wait()
-        with self.lock:
-            self.ends["watches that were open to the end"] += sum(watch.is_active() for watch in watches)
+        self.watched = sum(watch.is_active() for watch in watches)
         for channel in channels:
             channel.close()
 
     def calls(self, *arguments):
-        """Runs `maneuver load`. Returns its figures."""
+        """Runs `maneuver load`. Returns its figures; None if the server did not let it begin."""
         figures = self.server.work / "load.json"
-        subprocess.run([self.options.maneuver, "--server", self.server.address, "load", "--model", "small", "--warm-up", "0.2",
-                        "--deadline", "5000", "--json", figures, *arguments], stdout=subprocess.DEVNULL,
-                       stderr=subprocess.DEVNULL)
-        return json.loads(figures.read_text())["steps"][0]
+        figures.unlink(missing_ok=True)
+        status = subprocess.run([self.options.maneuver, "--server", self.server.address, "load", "--model", "small",
+                                 "--warm-up", "0.2", "--deadline", "5000", "--json", figures, *arguments],
+                                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode
+        if status not in (0, 1):  # 1: calls failed
+            raise RuntimeError(f"maneuver load ended with {status}")
+        return json.loads(figures.read_text())["steps"][0] if figures.exists() else None
 
     def call(self, rate):
-        self.called = self.calls("--rate", f"{rate:.0f}", "--send-all", "--duration", str(self.options.seconds))
+        while self.called is None and not self.over.is_set():
+            self.called = self.calls("--rate", f"{rate:.0f}", "--send-all", "--duration", str(self.options.seconds))
 
     def begin(self):
-        capacity = self.calls("--concurrency", "8", "--duration", str(min(2, self.options.seconds / 4)))["answered_per_second"]
+        alone = self.calls("--concurrency", "8", "--duration", str(min(2, self.options.seconds / 4)))
+        if not alone or not alone["answered_per_second"]:
+            raise RuntimeError(f"maneuver load was not answered before the load: {alone}")
+        capacity = alone["answered_per_second"]
         self.threads = [threading.Thread(target=self.watch), threading.Thread(target=self.call, args=(TIMES * capacity,))]
         self.threads += [threading.Thread(target=self.again_and_again, args=(kind, getattr(self, kind)))
                          for kind, count in self.callers.items() for _ in range(count)]
@@ -254,9 +270,27 @@ class Load:
         asked = sum(self.callers.values()) * self.size / MB
         print(f"asked for at any moment: {asked:.0f} MB ({asked / self.options.limit:.1f} limits) by "
               + ", ".join(f"{count} {kind}" for kind, count in self.callers.items()) + f"; {WATCHES} watches")
-        print(f"calls a second: {self.called['offered_per_second']:.0f} offered, {self.called['answered_per_second']:.0f} "
-              "answered")
-        print("ends:", ", ".join(f"{count} {end}" for end, count in sorted(self.ends.items())))
+        if self.called:
+            print(f"calls a second: {self.called['offered_per_second']:.0f} offered, "
+                  f"{self.called['answered_per_second']:.0f} answered")
+        print("ends:", ", ".join(f"{count} {kind}: {end}" for (kind, end), count in sorted(self.ends.items())))
+        print(f"{self.full} refused with MEMORY_FULL, {self.watched} watches were open to the end")
+
+    def failures(self, refusals):
+        """What shows that there was no such load. `refusals`: as the server counts them; it leaves some out."""
+        found = []
+        for kind in self.callers:
+            ends = {end for of, end in self.ends if of == kind}
+            odd = ends - (UPLOAD_ENDS if kind == "upload" else ENDS)
+            if odd or not ends:
+                found.append(f"calls of the kind {kind} ended with {sorted(odd) or 'nothing'}")
+        if not self.full and not refusals and self.options.only != "upload":
+            found.append("nothing was refused for want of memory")
+        if not self.watched:
+            found.append("no watch was open to the end")
+        if not self.called or not self.called["offered_per_second"]:
+            found.append("no small calls were made")
+        return found
 
 
 def planner(server, seconds, ends, most):
@@ -297,9 +331,11 @@ def run(options, work, group):
         if server.process.poll() is not None:
             failures.append(f"the server ended with status {server.process.returncode}: {server.log.read_text()[-1000:]}")
             return failures
+        refusals = server.metric("maneuver_memory_refusals_total")
         print(f"maneuver_memory_bytes {server.metric('maneuver_memory_bytes') / 1e6:.0f} MB, "
-              f"maneuver_memory_refusals_total {server.metric('maneuver_memory_refusals_total'):.0f}, "
+              f"maneuver_memory_refusals_total {refusals:.0f}, "
               f"closed connections {server.metric('maneuver_memory_closed_connections_total'):.0f}")
+        failures += load.failures(refusals)
         if group.kills():
             failures.append("the system ended a process of the control group")
         if not before["OK"] or not during["OK"] or not after["OK"]:

@@ -132,6 +132,7 @@ class RanksTest(unittest.TestCase):
                       f"weights {weights[:16]}", flush=True)
             if counts.total() >= options.job_kills:
                 break
+        self.assertGreater(counts.total(), 0, "each job ended before anything happened to it")
 
     def end_of_a_long_job(self, *flags):
         """Runs a job of two ranks, and cancels it once both run, unless flags are given to the server.

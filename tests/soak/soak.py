@@ -277,11 +277,12 @@ class Soak:
     def run(self):
         seconds = self.options.hours * 3600 + self.options.minutes * 60
         rate = self.options.rate or 0.5 * self.capacity()
+        figures = self.work / "calls.json"
         load = subprocess.Popen(self.server.maneuver("load", "--model", "models/served", "--rate", f"{rate:.1f}", "--retry",
-                                                     "--deadline", "20000", "--duration", f"{seconds:.0f}"),
+                                                     "--deadline", "20000", "--duration", f"{seconds:.0f}", "--json", figures),
                                 stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        threads = [threading.Thread(target=self.again_and_again, args=(what,))
-                   for what in (self.swap, self.learn, self.upload, self.connect, self.reload)]
+        tasks = (self.swap, self.learn, self.upload, self.connect, self.reload)
+        threads = [threading.Thread(target=self.again_and_again, args=(what,)) for what in tasks]
         for thread in threads:
             thread.start()
         begun = time.monotonic()
@@ -298,6 +299,13 @@ class Soak:
         print(f"{seconds:.0f} s at {rate:.0f} calls/s; " + ", ".join(f"{count} {what}" for what, count in sorted(self.done.items())))
         if self.server.process.poll() is not None:
             self.failures.append(f"the server ended with {self.server.process.returncode}")
+        if not self.failures:
+            self.failures += [f"{what.__name__} never succeeded" for what in tasks if not self.done[what.__name__]]
+            # Its status is 1 if a call met a connection that aged, or a certificate half renewed.
+            if load.returncode not in (0, 1) or not figures.exists():
+                self.failures.append(f"maneuver load ended with {load.returncode}")
+            elif not json.loads(figures.read_text())["steps"][0]["calls_answered"]:
+                self.failures.append("maneuver load was never answered")
         self.judge()
         return self.failures
 

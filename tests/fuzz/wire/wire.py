@@ -186,7 +186,7 @@ class Contract:
                 info = self.status.ErrorInfo()
                 info.ParseFromString(any_message.value)
                 return info.reason
-        return "no ErrorInfo"
+        return ""
 
 
 def resident_mb(process):
@@ -277,6 +277,8 @@ def main():
                 replica.signal(signal.SIGTERM)
                 if replica.wait_for_end() != 0:
                     broken.append("the server did not end well")
+        if not counts["OK"]:
+            broken.append("no call was answered with OK")
         if broken:
             print("\n".join(broken[:20]), file=sys.stderr)
             print(replica.log.read_text(errors="replace")[-2000:], file=sys.stderr)

@@ -101,7 +101,7 @@ TEST(HttpPagesTest, SilentConnectionsDoNotDelayAScrape) {
   for (int i = 0; i < 200; ++i) silent.push_back(ConnectTo(pages->port()));
   const auto start = std::chrono::steady_clock::now();
   EXPECT_THAT(Ask(pages->port(), "GET /echo?a"), HasSubstr("200 OK"));
-  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(2));
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(10));
   for (const int descriptor : silent) close(descriptor);
 }
 
@@ -113,7 +113,7 @@ TEST(HttpPagesTest, EndsAtOnce) {
     const auto pages = Serve(address);
     EXPECT_THAT(Ask(pages->port(), "GET /echo?a"), HasSubstr("200 OK"));
   }
-  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(3));
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(6));
 }
 
 }  // namespace

@@ -547,7 +547,7 @@ TEST_F(BatchSchedulerTest, ClassificationGetsItsTrajectory) {
   EXPECT_EQ(networks_.described(), 0);
 }
 
-TEST_F(BatchSchedulerTest, AnswersWaitingCallsUnavailableWhenItEnds) {
+TEST_F(BatchSchedulerTest, AnswersWaitingCallsWhenItEnds) {
   auto scheduler = Scheduler(1, {});
   Asked working = Occupy(*scheduler);
   Asked waiting = Ask(*scheduler, scene_);
