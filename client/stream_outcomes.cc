@@ -155,7 +155,9 @@ class GrpcOutcomeStream final : public OutcomeStream {
       end_ = AwaitAnswer();
       if (end_.ok() && HasAnswer()) continue;
       if (end_.ok()) end_ = Resume();
-      if (!end_.ok()) return end_;
+      if (end_.ok()) continue;
+      Deliver();  // what was answered before another report was not taken
+      return end_;
     }
   }
 

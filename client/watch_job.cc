@@ -3,6 +3,7 @@
 #include "absl/time/clock.h"
 #include "client/client.h"
 #include "client/connection.h"
+#include "client/error_details.h"
 
 namespace maneuver::client {
 namespace {
@@ -45,9 +46,11 @@ absl::StatusOr<v1::Job> Client::WatchJob(const v1::WatchJobRequest& request,
         break;
       }
     }
-    stood = absl::Now() - accepted >= kStanding;
-    seen = seen || stood;
+    const bool has_stood = absl::Now() - accepted >= kStanding;
     absl::Status status = ToRetriable(reader->Finish(), call.cancellation);
+    // A server that refuses says why, which may take it a while; a broken stream says nothing.
+    stood = has_stood && ErrorDetailsOf(status).reason.empty();
+    seen = seen || stood;
     if (stopped || (status.ok() && HasEnded(job))) return absl::OkStatus();
     if (status.ok()) return absl::UnavailableError("the server stopped telling of the job");
     return status;

@@ -39,11 +39,12 @@ std::string TimeLeft(double seconds) {
 class Import final : public ImportSink {
  public:
   Import(const ImportArguments& arguments, const ImportFormat& format, data::DatasetWriter& writer,
-         Environment& environment)
+         const Interrupt& interrupt, Environment& environment)
       : arguments_(arguments),
         format_(format),
         writer_(writer),
         environment_(environment),
+        interrupt_(interrupt),
         progress_(environment.errors, environment.progress_form()),
         threads_(arguments.threads.value_or(machine::UsableCores())),
         ahead_(2 * static_cast<size_t>(threads_)),
@@ -200,7 +201,7 @@ class Import final : public ImportSink {
   const ImportFormat& format_;
   data::DatasetWriter& writer_;
   Environment& environment_;
-  const Interrupt interrupt_{[] {}};
+  const Interrupt& interrupt_;
   ProgressLine progress_;
   const int64_t threads_;  // that parse at once
   const size_t ahead_;     // recordings that are parsed, or wait to be, while one is written
@@ -272,9 +273,10 @@ int RunImport(const ImportArguments& arguments, const ImportFormat& format,
               Environment& environment) {
   const absl::StatusOr<std::vector<ImportFile>> files = format.find(arguments.inputs);
   if (!files.ok()) return environment.Refuse(std::string(files.status().message()));
+  const Interrupt interrupt([] {});  // before the folder, so that Ctrl-C leaves nothing of it
   auto writer = data::DatasetWriter::Create(arguments.folder, arguments.origin);
   if (!writer.ok()) return environment.FailAt(arguments.folder, writer.status());
-  Import import(arguments, format, **writer, environment);
+  Import import(arguments, format, **writer, interrupt, environment);
   const absl::StatusOr<v1::Dataset> dataset = import.Run(*files);
   environment.err << import.Report();
   if (!dataset.ok()) return environment.Fail(dataset.status());

@@ -295,7 +295,10 @@ int WatchToEnd(const std::string& job, Environment& environment) {
     return kOk;
   }
   if (!ended.ok()) {
-    PrintHowToGoOn(job, environment);
+    const bool is_refused =
+        absl::IsNotFound(ended.status()) || absl::IsInvalidArgument(ended.status()) ||
+        absl::IsUnauthenticated(ended.status()) || absl::IsPermissionDenied(ended.status());
+    if (!is_refused) PrintHowToGoOn(job, environment);
     return environment.Fail(ended.status());
   }
   return PrintOutcome(*ended, environment);

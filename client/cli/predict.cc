@@ -124,7 +124,11 @@ void PrintProbabilities(const Predictions& predictions, double at_least, const A
                    TitleOf(titles, id), Share(target.probabilities(id))});
       }
       const auto others = static_cast<size_t>(target.probabilities_size()) - order.size();
-      if (others > 0) table.Add({"", "", "others", absl::StrCat(others, " of them"), Share(rest)});
+      if (others == 0) continue;
+      const bool first = order.empty();
+      table.Add({first ? prediction.scenario_id() : "",
+                 first ? absl::StrCat(target.target_id()) : "", "others",
+                 absl::StrCat(others, " of them"), Share(rest)});
     }
   }
   environment.out << table.Text(environment.color);

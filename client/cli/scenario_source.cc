@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <system_error>
 
 #include "absl/strings/str_cat.h"
 #include "client/cli/resource_names.h"
@@ -17,9 +18,11 @@ bool IsOnServer(const std::string& source) {
 }
 
 absl::Status CheckFolder(const std::string& source) {
-  if (std::filesystem::exists(std::filesystem::path(source) / "dataset.json")) {
+  std::error_code error;
+  if (std::filesystem::exists(std::filesystem::path(source) / "dataset.json", error)) {
     return absl::OkStatus();
   }
+  if (error) return absl::NotFoundError(absl::StrCat(source, ": ", error.message()));
   return absl::NotFoundError(
       absl::StrCat(source, " is not a dataset folder; for a dataset on the server use ",
                    DatasetResource(source)));

@@ -75,6 +75,7 @@ int Synthesize(const SynthesizeArguments& arguments, Environment& environment) {
       ChosenLayouts(arguments).empty()) {
     return environment.Refuse("--without: leave at least one kind of place");
   }
+  const Interrupt interrupt([] {});  // before the folder, so that Ctrl-C leaves nothing of it
   auto writer = data::DatasetWriter::Create(arguments.folder,
                                             absl::StrCat("synthetic town, seed ", arguments.seed));
   if (!writer.ok()) return environment.FailAt(arguments.folder, writer.status());
@@ -88,7 +89,6 @@ int Synthesize(const SynthesizeArguments& arguments, Environment& environment) {
                             arguments.threads > 0 ? static_cast<int>(arguments.threads) : cores);
   ProgressLine progress(environment.errors, environment.progress_form());
   int written = 0;
-  const Interrupt interrupt([] {});
   while (const std::optional<TownRecording> recording = production.Next()) {
     absl::Status status = (*writer)->Add(recording->scenario);
     for (const v1::ManeuverAnnotation& maneuver : recording->maneuvers) {

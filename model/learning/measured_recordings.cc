@@ -17,6 +17,7 @@ MeasuredRecordings ChooseRecordings(const ExampleSet& set, int64_t most) {
   }
   std::vector<std::pair<uint64_t, size_t>> order;
   for (size_t i = 0; i < set.recordings.size(); ++i) {
+    if (counts[i] == 0) continue;
     const uint64_t hash = data::StableHash(set.recordings[i].scenario_id());
     order.emplace_back(data::MixHash(hash, kMeasured), i);
   }

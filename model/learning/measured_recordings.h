@@ -16,8 +16,8 @@ struct MeasuredRecordings {
   int64_t examples = 0;         // that they hold
 };
 
-// Returns whole recordings that together hold `most` examples, or a few more; all of them if they
-// hold fewer. A hash of their ids decides which, so they are spread over all datasets and all times.
+// Returns whole recordings that together hold `most` examples, or a few more; all that hold any if
+// those are fewer. A hash of their ids decides which, so they are spread over all datasets and all times.
 MeasuredRecordings ChooseRecordings(const ExampleSet& set, int64_t most);
 
 }  // namespace maneuver::learning

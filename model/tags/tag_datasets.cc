@@ -67,9 +67,9 @@ absl::StatusOr<std::vector<Source>> FindSources(const std::vector<fs::path>& dat
       Source& source = sources.emplace_back(Source{folder, shard, {}});
       source.file.set_name(TagsName(name, shard.file()));
       if (!tags_names.insert(source.file.name()).second) {
-        return absl::InvalidArgumentError(
-            absl::StrCat("the tags of two shards would be called ", source.file.name(),
-                         "; tag the datasets into two folders, or rename one"));
+        return absl::InvalidArgumentError(absl::StrCat("the tags of two shards would be called ",
+                                                       source.file.name(),
+                                                       "; rename a dataset or a shard"));
       }
       source.file.set_dataset(name);
       source.file.set_shard(shard.file());

@@ -11,6 +11,7 @@
 #include <atomic>
 #include <iterator>
 #include <map>
+#include <optional>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -81,28 +82,34 @@ class ProcessCollectable final : public prometheus::Collectable {
 };
 
 // The space on a folder's disk, read each time the page is made. A disk that does not answer takes
-// one page with it; further ones lack the two metrics.
+// one page with it; further ones, and those that are made at the same moment, say what was read last.
 class DiskCollectable final : public prometheus::Collectable {
  public:
   explicit DiskCollectable(std::filesystem::path folder) : folder_(std::move(folder)) {}
 
   std::vector<prometheus::MetricFamily> Collect() const override {
     using prometheus::MetricType;
-    if (is_asked_.exchange(true)) return {};
-    std::error_code error;
-    const auto space = std::filesystem::space(folder_, error);
-    is_asked_ = false;
-    if (error) return {};
+    if (!is_asked_.exchange(true)) {
+      std::error_code error;
+      const auto space = std::filesystem::space(folder_, error);
+      const MutexLock lock(mutex_);
+      last_ = error ? std::nullopt : std::optional(space);
+      is_asked_ = false;
+    }
+    const MutexLock lock(mutex_);
+    if (!last_) return {};
     return {Family("maneuver_data_disk_bytes", "Size of the disk that holds the data folder.",
-                   MetricType::Gauge, static_cast<double>(space.capacity)),
+                   MetricType::Gauge, static_cast<double>(last_->capacity)),
             Family("maneuver_data_disk_free_bytes",
                    "Bytes that the server can still write to the disk that holds the data folder.",
-                   MetricType::Gauge, static_cast<double>(space.available))};
+                   MetricType::Gauge, static_cast<double>(last_->available))};
   }
 
  private:
   const std::filesystem::path folder_;
   mutable std::atomic<bool> is_asked_ = false;
+  mutable Mutex mutex_;
+  mutable std::optional<std::filesystem::space_info> last_ ABSL_GUARDED_BY(mutex_);
 };
 
 class PrometheusRegistry final : public PrometheusMetrics {

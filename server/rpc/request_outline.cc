@@ -86,6 +86,8 @@ class ParsedSize {
     while (bytes_ <= most_) {
       const uint32_t tag = input.ReadTag();
       if (tag == 0) return;
+      // proto3 has no groups. The parser would keep one with all that is in it.
+      if ((tag & kTypeMask) == kStartGroup) bytes_ = most_ + 1;
       const FieldDescriptor* const field =
           type.FindFieldByNumber(static_cast<int>(tag >> kTypeBits));
       const bool is_message = field != nullptr && field->message_type() != nullptr;
@@ -110,6 +112,8 @@ class ParsedSize {
 
  private:
   static constexpr int kTypeBits = 3;
+  static constexpr uint32_t kTypeMask = 7;
+  static constexpr uint32_t kStartGroup = 3;
   static constexpr int kDeepest = 90;  // the parser stops at 100
   static constexpr int64_t kNumber = 8;
   static constexpr int64_t kElement = 40;  // a text

@@ -136,7 +136,7 @@ void NuScenes(std::string_view bytes) {
   }
   const auto tolerate = [](const absl::Status& damage) {
     Expect(absl::IsDataLoss(damage), damage.ToString());
-    ExpectPlace(damage, {".json["});
+    ExpectPlace(damage, {".json[", " annotations of instance "});
     return absl::OkStatus();
   };
   const auto ignore = [](double) {};

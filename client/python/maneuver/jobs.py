@@ -74,7 +74,8 @@ class Watch:
             except grpc.RpcError as failure:
                 error = retriable(failure)
             stood = self._connection.clock.now() - accepted >= STANDING
-            if stood and isinstance(error, UnavailableError):
+            # A server that refuses says why, which may take it a while; a broken stream says nothing.
+            if stood and isinstance(error, UnavailableError) and not error.reason:
                 return stream, None
             raise error
 

@@ -25,7 +25,8 @@ namespace maneuver::data {
 // successors, as signals do in a Scenario: each gets the readings of the light's cycle over the
 // first 10,000 steps. Of several lights before it, that is the first for its own turn (more than
 // 30 degrees to a side) or for all, otherwise the first for going straight, otherwise the first.
-// The light of a lanelet without successors is left out.
+// A lane that begins behind several lights has a signal of each, of which the most restrictive
+// counts. The light of a lanelet without successors is left out.
 //
 // INVALID_ARGUMENT, with the element, if it is not XML or not a CommonRoad scenario, has another
 // version, has no such obstacles, more of something than ScenarioLimits allow, or an element that

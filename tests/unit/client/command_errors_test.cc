@@ -308,6 +308,37 @@ TEST(CommandErrorsTest, AcceptsAZeroThatTheServerCanTellFromUnset) {
   EXPECT_EQ(heard.joint_epochs(), 3);
 }
 
+TEST(CommandErrorsTest, AJobThatIsNotThereDoesNotContinue) {
+  client::TestServer server;
+  server.on_watch = [](const auto&, auto*) {
+    return grpc::Status(grpc::StatusCode::NOT_FOUND, "no such job");
+  };
+  const Result result = Maneuver({"--server", server.address(), "job", "watch", "typo"});
+  EXPECT_EQ(result.status, kFailed);
+  EXPECT_THAT(result.err, HasSubstr("no such job"));
+  EXPECT_THAT(result.err, Not(HasSubstr("continues")));
+}
+
+TEST(CommandErrorsTest, ATargetWithoutALikelyActionKeepsItsName) {
+  client::TestServer server;
+  server.on_predict = [](auto*, const v1::PredictRequest&, v1::PredictResponse* response) {
+    v1::ScenarioPrediction* prediction = response->add_predictions();
+    prediction->set_scenario_id("a");
+    for (const double largest : {0.6, 0.4}) {
+      v1::TargetPrediction* target = prediction->add_targets();
+      target->set_target_id(largest == 0.6 ? 17 : 18);
+      target->add_probabilities(largest);
+      for (int i = 0; i < 3; ++i) target->add_probabilities((1.0 - largest) / 3.0);
+    }
+    return grpc::Status::OK;
+  };
+  const Result result =
+      Maneuver({"--server", server.address(), "predict", "-", "--at-least", "0.5"}, kScene);
+  EXPECT_EQ(result.status, kOk) << result.err;
+  EXPECT_THAT(result.out, HasSubstr("17"));
+  EXPECT_THAT(result.out, HasSubstr("18"));
+}
+
 TEST(CommandErrorsTest, AJobThatRanForTooLongDoesNotBlameTheServer) {
   client::TestServer server;
   server.on_watch = [](const auto&, auto* writer) {

@@ -146,6 +146,11 @@ TEST_F(DatasetCommandTest, ListsUnusableLabelsByLineAndWritesNothing) {
   EXPECT_FALSE(std::filesystem::exists(output));
 }
 
+TEST_F(DatasetCommandTest, AFolderThatCannotBeLookedAtIsNoReasonToAbort) {
+  EXPECT_EQ(Maneuver({"scenario", "list", std::string(300, 'a')}), kFailed);
+  EXPECT_THAT(err_.str(), HasSubstr("name too long"));
+}
+
 TEST_F(DatasetCommandTest, IndexesAFolderAndNamesADamagedIndex) {
   ASSERT_EQ(Maneuver({"dataset", "index", town()}), kOk) << err_.str();
   EXPECT_THAT(out_.str(), HasSubstr("3 recordings are indexed"));

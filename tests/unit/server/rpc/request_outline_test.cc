@@ -124,8 +124,8 @@ TEST(DensityTest, RefusesALargeRequestOfEmptyElements) {
   constexpr int kUnknown = 15;
   for (const std::string& bytes :
        {EmptyElements(v1::PredictRequest::kScenariosFieldNumber), states.SerializeAsString(),
-        EmptyElements(v1::PredictRequest::kRequiredActionNamesFieldNumber),
-        EmptyElements(kUnknown)}) {
+        EmptyElements(v1::PredictRequest::kRequiredActionNamesFieldNumber), EmptyElements(kUnknown),
+        "\x7b" + EmptyElements(1) + "\x7c" /* a group of number 15 */}) {
     const absl::Status refused =
         CheckDensity(*v1::PredictRequest::descriptor(), InSlices(bytes, 8192));
     EXPECT_EQ(refused.code(), absl::StatusCode::kInvalidArgument);

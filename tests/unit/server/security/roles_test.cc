@@ -6,31 +6,15 @@
 #include <set>
 #include <string>
 
-#include "maneuver/v1/admin_service.pb.h"
-#include "maneuver/v1/dataset_service.pb.h"
-#include "maneuver/v1/model_service.pb.h"
-#include "maneuver/v1/outcome_service.pb.h"
-#include "maneuver/v1/prediction_service.pb.h"
-#include "maneuver/v1/replica_service.pb.h"
-#include "maneuver/v1/tag_service.pb.h"
-#include "maneuver/v1/training_service.pb.h"
+#include "tests/integration/all_methods.h"
 
 namespace maneuver::security::roles_test {
 namespace {
 
 std::set<std::string> MethodsOfTheContract() {
   std::set<std::string> methods;
-  for (const auto* file :
-       {v1::PredictRequest::descriptor()->file(), v1::ActionSet::descriptor()->file(),
-        v1::UploadHeader::descriptor()->file(), v1::Job::descriptor()->file(),
-        v1::Tags::descriptor()->file(), v1::GetLogLevelRequest::descriptor()->file(),
-        v1::ReportOutcomesRequest::descriptor()->file(), v1::Replica::descriptor()->file()}) {
-    for (int s = 0; s < file->service_count(); ++s) {
-      const auto* service = file->service(s);
-      for (int m = 0; m < service->method_count(); ++m) {
-        methods.insert("/" + service->full_name() + "/" + service->method(m)->name());
-      }
-    }
+  for (const auto* method : integration::AllMethods()) {
+    methods.insert("/" + method->service()->full_name() + "/" + method->name());
   }
   return methods;
 }

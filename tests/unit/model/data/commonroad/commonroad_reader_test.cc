@@ -234,8 +234,6 @@ TEST(CommonRoadTest, ALaneHasItsSuccessorsAndNeighborsInTheSameDirection) {
   }
 }
 
-// Green for 5 steps, yellow for 3, red for 10. The cycle starts at step 2, so step 0 is in the red
-// before it.
 // Three lanelets after the one of kBounds: straight on, to the left, to the right.
 const std::string kJunction =
     "<lanelet id=\"6\"><leftBound><point><x>50</x><y>2</y></point><point><x>80</x><y>2</y></point>"
@@ -248,6 +246,8 @@ const std::string kJunction =
     "<point><x>62</x><y>-20</y></point></leftBound><rightBound><point><x>50</x><y>-2</y></point>"
     "<point><x>58</x><y>-2</y></point><point><x>58</x><y>-20</y></point></rightBound></lanelet>";
 
+// Green for 5 steps, yellow for 3, red for 10. The cycle starts at step 2, so step 0 is in the red
+// before it.
 TEST(CommonRoadTest, ALightControlsTheLanesAfterTheLaneletsThatReferToIt) {
   const auto light = [](const std::string& id, const std::string& direction,
                         const std::string& more) {
