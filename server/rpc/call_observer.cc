@@ -1,6 +1,5 @@
 #include "server/rpc/call_observer.h"
 
-#include <google/protobuf/message_lite.h>
 #include <grpc/byte_buffer.h>
 #include <grpcpp/server_context.h>
 
@@ -97,15 +96,11 @@ class CallInterceptor final : public grpc::experimental::Interceptor {
     }
   }
 
-  // Of a message as a guarded service receives it: the bytes themselves in a call of one request
-  // (see MessageReading), which is a stream both ways to gRPC, and in other such streams (see
-  // PredictStream), parsed in an upload.
-  size_t SizeOf(void* message) const {
+  // Of a message as this server receives each: the bytes themselves (see MessageReading, UploadCall
+  // and PredictStream).
+  static size_t SizeOf(void* message) {
     if (message == nullptr) return 0;  // the end of the stream
-    if (call_.type() == ServerRpcInfo::Type::BIDI_STREAMING) {
-      return static_cast<grpc::ByteBuffer*>(message)->Length();
-    }
-    return static_cast<google::protobuf::MessageLite*>(message)->ByteSizeLong();
+    return static_cast<grpc::ByteBuffer*>(message)->Length();
   }
 
   void End(grpc::StatusCode code) {

@@ -107,9 +107,9 @@ DatasetService::DatasetService(data::DatasetStore& datasets, jobs::Supervisor& j
 
 DatasetService::~DatasetService() = default;
 
-grpc::ServerReadReactor<v1::UploadDatasetRequest>* DatasetService::UploadDataset(
-    grpc::CallbackServerContext* rpc, v1::Dataset* response) {
-  return new DatasetUploadCall(datasets_, blocking_.pool, access_, rpc, response);
+grpc::ServerReadReactor<grpc::ByteBuffer>* DatasetService::UploadDataset(
+    grpc::CallbackServerContext* rpc, grpc::ByteBuffer* response) {
+  return new DatasetUploadCall(datasets_, blocking_, access_, rpc, response);
 }
 
 grpc::ServerUnaryReactor* DatasetService::QueryUpload(grpc::CallbackServerContext* rpc,

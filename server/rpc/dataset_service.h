@@ -10,7 +10,8 @@
 namespace maneuver::rpc {
 
 // Uploads, registers, describes, reads and deletes datasets.
-class DatasetService final : public v1::DatasetService::CallbackService {
+class DatasetService final
+    : public v1::DatasetService::WithRawCallbackMethod_UploadDataset<v1::DatasetService::CallbackService> {
  public:
   // All arguments must outlive the service. The .cc defines the constructor and the destructor, for
   // the reason that admin_service.h gives.
@@ -18,8 +19,8 @@ class DatasetService final : public v1::DatasetService::CallbackService {
                  security::AccessControl& access);
   ~DatasetService() override;
 
-  grpc::ServerReadReactor<v1::UploadDatasetRequest>* UploadDataset(grpc::CallbackServerContext* rpc,
-                                                                   v1::Dataset* response) override;
+  grpc::ServerReadReactor<grpc::ByteBuffer>* UploadDataset(grpc::CallbackServerContext* rpc,
+                                                           grpc::ByteBuffer* response) override;
   grpc::ServerUnaryReactor* QueryUpload(grpc::CallbackServerContext* rpc,
                                         const v1::QueryUploadRequest* request,
                                         v1::QueryUploadResponse* response) override;

@@ -9,10 +9,10 @@
 
 namespace maneuver::rpc {
 
-DatasetUploadCall::DatasetUploadCall(data::DatasetStore& datasets, WorkerPool& pool,
+DatasetUploadCall::DatasetUploadCall(data::DatasetStore& datasets, const BlockingWork& blocking,
                                      security::AccessControl& access,
-                                     grpc::CallbackServerContext* rpc, v1::Dataset* response)
-    : UploadCall(pool, rpc, response),
+                                     grpc::CallbackServerContext* rpc, grpc::ByteBuffer* response)
+    : UploadCall(blocking, rpc, response),
       datasets_(datasets),
       caller_(access.NameOf(CredentialsOf(*rpc))) {
   Start(access, "/maneuver.v1.DatasetService/UploadDataset");

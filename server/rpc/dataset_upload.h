@@ -15,8 +15,9 @@ namespace maneuver::rpc {
 class DatasetUploadCall final
     : public UploadCall<v1::UploadDatasetRequest, v1::Dataset, data::DatasetUpload> {
  public:
-  DatasetUploadCall(data::DatasetStore& datasets, WorkerPool& pool, security::AccessControl& access,
-                    grpc::CallbackServerContext* rpc, v1::Dataset* response);
+  DatasetUploadCall(data::DatasetStore& datasets, const BlockingWork& blocking,
+                    security::AccessControl& access, grpc::CallbackServerContext* rpc,
+                    grpc::ByteBuffer* response);
 
  private:
   absl::StatusOr<std::unique_ptr<data::DatasetUpload>> Begin(

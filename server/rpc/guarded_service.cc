@@ -81,11 +81,14 @@ bool MakesRoom(std::string_view method) {
   return name.starts_with("Cancel") || name.starts_with("Delete");
 }
 
-// Methods that answer with a stream are asked by a name, and gRPC keeps the request until the end.
+// gRPC keeps the request of a method that answers with a stream until the end. The largest that makes
+// sense continues a download of many files.
 absl::Status CheckSize(int64_t bytes) {
-  constexpr int64_t kMost = int64_t{64} << 10;
+  constexpr int64_t kMost = int64_t{1} << 20;
   if (bytes <= kMost) return absl::OkStatus();
-  return errors::InvalidField("name", "comes in a request of more than 64 KiB; send less");
+  return errors::WithReason(
+      absl::ResourceExhaustedError("a request for a stream of answers has at most 1 MiB"),
+      "REQUEST_TOO_LARGE");
 }
 
 // The handler of one method, and what stands before it. It must outlive the server.

@@ -350,9 +350,9 @@ grpc::ServerWriteReactor<v1::DownloadModelVersionResponse>* ModelService::Downlo
   return new ModelDownloadCall(store_, table_, blocking_, access_, rpc, *request);
 }
 
-grpc::ServerReadReactor<v1::UploadModelVersionRequest>* ModelService::UploadModelVersion(
-    grpc::CallbackServerContext* rpc, v1::ModelVersion* response) {
-  return new ModelUploadCall(uploads_, blocking_.pool, access_, rpc, response);
+grpc::ServerReadReactor<grpc::ByteBuffer>* ModelService::UploadModelVersion(
+    grpc::CallbackServerContext* rpc, grpc::ByteBuffer* response) {
+  return new ModelUploadCall(uploads_, blocking_, access_, rpc, response);
 }
 
 grpc::ServerUnaryReactor* ModelService::QueryModelUpload(grpc::CallbackServerContext* rpc,

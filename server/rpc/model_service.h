@@ -11,7 +11,8 @@
 namespace maneuver::rpc {
 
 // Lists, copies and deletes versions, moves aliases, labels actions and returns evaluations.
-class ModelService final : public v1::ModelService::CallbackService {
+class ModelService final
+    : public v1::ModelService::WithRawCallbackMethod_UploadModelVersion<v1::ModelService::CallbackService> {
  public:
   // All arguments must outlive the service. `table` must be the table of `store`. The .cc defines
   // the constructor and the destructor, for the reason that admin_service.h gives.
@@ -49,8 +50,8 @@ class ModelService final : public v1::ModelService::CallbackService {
                                                 v1::EvaluationReport* response) override;
   grpc::ServerWriteReactor<v1::DownloadModelVersionResponse>* DownloadModelVersion(
       grpc::CallbackServerContext* rpc, const v1::DownloadModelVersionRequest* request) override;
-  grpc::ServerReadReactor<v1::UploadModelVersionRequest>* UploadModelVersion(
-      grpc::CallbackServerContext* rpc, v1::ModelVersion* response) override;
+  grpc::ServerReadReactor<grpc::ByteBuffer>* UploadModelVersion(
+      grpc::CallbackServerContext* rpc, grpc::ByteBuffer* response) override;
   grpc::ServerUnaryReactor* QueryModelUpload(grpc::CallbackServerContext* rpc,
                                              const v1::QueryModelUploadRequest* request,
                                              v1::QueryModelUploadResponse* response) override;

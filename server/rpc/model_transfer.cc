@@ -49,10 +49,10 @@ absl::StatusOr<std::unique_ptr<serving::VersionReader>> ModelDownloadCall::Open(
   return reader;
 }
 
-ModelUploadCall::ModelUploadCall(serving::VersionUploads& uploads, WorkerPool& pool,
+ModelUploadCall::ModelUploadCall(serving::VersionUploads& uploads, const BlockingWork& blocking,
                                  security::AccessControl& access, grpc::CallbackServerContext* rpc,
-                                 v1::ModelVersion* response)
-    : UploadCall(pool, rpc, response),
+                                 grpc::ByteBuffer* response)
+    : UploadCall(blocking, rpc, response),
       uploads_(uploads),
       caller_(access.NameOf(CredentialsOf(*rpc))) {
   Start(access, "/maneuver.v1.ModelService/UploadModelVersion");

@@ -40,9 +40,9 @@ class ModelDownloadCall final
 class ModelUploadCall final
     : public UploadCall<v1::UploadModelVersionRequest, v1::ModelVersion, serving::VersionUpload> {
  public:
-  ModelUploadCall(serving::VersionUploads& uploads, WorkerPool& pool,
+  ModelUploadCall(serving::VersionUploads& uploads, const BlockingWork& blocking,
                   security::AccessControl& access, grpc::CallbackServerContext* rpc,
-                  v1::ModelVersion* response);
+                  grpc::ByteBuffer* response);
 
  private:
   absl::StatusOr<std::unique_ptr<serving::VersionUpload>> Begin(

@@ -44,21 +44,7 @@ std::string PeerOfConnection(int descriptor) {
   sockaddr_storage peer{};
   socklen_t size = sizeof peer;
   if (getpeername(descriptor, reinterpret_cast<sockaddr*>(&peer), &size) != 0) return "";
-  char text[INET6_ADDRSTRLEN];
-  if (peer.ss_family == AF_INET) {
-    const auto& address = reinterpret_cast<const sockaddr_in&>(peer);
-    inet_ntop(AF_INET, &address.sin_addr, text, sizeof text);
-    return absl::StrCat("ipv4:", text, ":", ntohs(address.sin_port));
-  }
-  if (peer.ss_family != AF_INET6) return "";
-  const auto& address = reinterpret_cast<const sockaddr_in6&>(peer);
-  const int port = ntohs(address.sin6_port);
-  if (IN6_IS_ADDR_V4MAPPED(&address.sin6_addr)) {
-    inet_ntop(AF_INET, address.sin6_addr.s6_addr + 12, text, sizeof text);
-    return absl::StrCat("ipv4:", text, ":", port);
-  }
-  inet_ntop(AF_INET6, &address.sin6_addr, text, sizeof text);
-  return absl::StrCat("ipv6:%5B", text, "%5D:", port);
+  return PeerName(peer);
 }
 
 // Calls `call` with the descriptor of each TCP connection that was accepted on `port`.
@@ -82,6 +68,26 @@ tcp_info InfoOf(int descriptor) {
 }
 
 }  // namespace
+
+std::string PeerName(const sockaddr_storage& peer) {
+  char text[INET6_ADDRSTRLEN];
+  if (peer.ss_family == AF_INET) {
+    const auto& address = reinterpret_cast<const sockaddr_in&>(peer);
+    inet_ntop(AF_INET, &address.sin_addr, text, sizeof text);
+    return absl::StrCat("ipv4:", text, ":", ntohs(address.sin_port));
+  }
+  if (peer.ss_family != AF_INET6) return "";
+  const auto& address = reinterpret_cast<const sockaddr_in6&>(peer);
+  const int port = ntohs(address.sin6_port);
+  if (IN6_IS_ADDR_V4MAPPED(&address.sin6_addr)) {
+    inet_ntop(AF_INET, address.sin6_addr.s6_addr + 12, text, sizeof text);
+    return absl::StrCat("ipv4:", text, ":", port);
+  }
+  inet_ntop(AF_INET6, &address.sin6_addr, text, sizeof text);
+  const uint32_t link = address.sin6_scope_id;  // of a link-local address
+  const std::string zone = link == 0 ? "" : absl::StrCat("%25", link);
+  return absl::StrCat("ipv6:%5B", text, zone, "%5D:", port);
+}
 
 void CutOffConnections(int port) {
   ForEachConnection(port, [](int descriptor) { shutdown(descriptor, SHUT_RDWR); });

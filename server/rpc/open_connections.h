@@ -4,6 +4,8 @@
 #ifndef MANEUVER_SERVER_RPC_OPEN_CONNECTIONS_H_
 #define MANEUVER_SERVER_RPC_OPEN_CONNECTIONS_H_
 
+#include <sys/socket.h>
+
 #include <chrono>
 #include <cstdint>
 #include <map>
@@ -13,11 +15,14 @@
 
 namespace maneuver::rpc {
 
+// Returns how gRPC names the caller at an address: "ipv4:127.0.0.1:4567", "ipv6:%5B::1%5D:4567", and
+// with the number of the link, here 2, "ipv6:%5Bfe80::1%252%5D:4567". Empty for one that is not of IP.
+std::string PeerName(const sockaddr_storage& peer);
+
 // Shuts down, in both directions, every TCP connection that was accepted on `port`. Both ends then
 // see a broken connection.
 void CutOffConnections(int port);
-// The same for those of `peers`, as gRPC names them: "ipv4:127.0.0.1:4567". Returns how many it shut
-// down, without those that were shut down before.
+// The same for those of `peers`, by PeerName. Returns how many it shut down, without those that were shut down before.
 int CutOffConnections(int port, const std::set<std::string>& peers);
 
 // Tells how much a connection of a port has received, by its caller. Not thread-safe.
@@ -27,7 +32,7 @@ class ReceivedByPeer {
   explicit ReceivedByPeer(int port) : port_(port) {}
 
   // Returns the bytes since the connection began; 0 if there is none.
-  //   peer: as gRPC names it: "ipv4:127.0.0.1:4567", "ipv6:%5B::1%5D:4567"
+  //   peer: by PeerName
   int64_t Bytes(const std::string& peer);
 
  private:
@@ -45,8 +50,8 @@ class ReceivedBytes {
 
   // Notes, once a second, what each connection has received until now. Call it at least as often.
   void Note(std::chrono::steady_clock::time_point now);
-  // Returns the bytes since the note of one to two seconds ago, by the connection's caller as gRPC
-  // names it.
+  // Returns the bytes since the note of one to two seconds ago, by the PeerName of the connection's
+  // caller.
   std::map<std::string, int64_t> Recent() const;
   // Shuts down the connections that have received the most since the note of one to two seconds
   // ago, until the others have received at most `left` bytes together. Returns how many it shut

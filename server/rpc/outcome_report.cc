@@ -246,17 +246,23 @@ class OutcomeReport {
 
   // Predicts from scenes. An error is that of the whole call.
   absl::Status Predict(const std::string& reference_text, SceneGroup& group) {
-    const bool of_request = reference_text == request_.model();
     const auto refuse = [&](const absl::Status& status) {
       for (const int outcome : group.outcomes) {
         outcomes_[static_cast<size_t>(outcome)].status = status;
       }
       return absl::OkStatus();
     };
-    const auto reference = security::ParseOptionalModelReference(
-        reference_text,
-        of_request ? "model" : absl::StrCat(OutcomePath(group.outcomes.front()), ".model"));
-    if (!reference.ok()) return refuse(reference.status());
+    const auto reference = security::ParseOptionalModelReference(reference_text, "model");
+    if (!reference.ok()) {
+      for (const int outcome : group.outcomes) {
+        const bool of_outcome = !request_.outcomes(outcome).model().empty();
+        outcomes_[static_cast<size_t>(outcome)].status =
+            security::ParseOptionalModelReference(
+                reference_text, of_outcome ? OutcomePath(outcome) + ".model" : "model")
+                .status();
+      }
+      return absl::OkStatus();
+    }
     const auto model = FindModel(*reference);
     if (!model.ok()) return refuse(model.status());
     const PredictionPlan plan =

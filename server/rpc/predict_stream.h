@@ -2,7 +2,7 @@
 //
 // A stream reads no further request while 64 requests, 8 MiB of requests and answers, or answers of
 // up to 64 MiB that are being computed are in flight: flow control then makes the caller wait. A
-// request_id has at most 128 bytes.
+// request_id has at most 128 characters.
 
 #ifndef MANEUVER_SERVER_RPC_PREDICT_STREAM_H_
 #define MANEUVER_SERVER_RPC_PREDICT_STREAM_H_
@@ -68,7 +68,6 @@ class PredictStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grp
   void Begin(std::shared_ptr<Entry> entry);
   // Checks a request's outline, parses it and hands it to the scheduler.
   absl::Status Start(const std::shared_ptr<Entry>& entry);
-  absl::Status Admit(const v1::PredictRequest& request);
   void Answered(std::shared_ptr<Entry> entry, const absl::Status& status);
   // What the stream does next: any of reading, writing and finishing.
   struct Step {

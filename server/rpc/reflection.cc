@@ -2,6 +2,7 @@
 
 #include <google/protobuf/descriptor.h>
 #include <google/protobuf/descriptor.pb.h>
+#include <grpcpp/impl/codegen/proto_utils.h>
 
 #include <cstddef>
 #include <cstdint>
@@ -82,8 +83,7 @@ void AnswerExtensions(const DescriptorPool& pool, const std::string& type,
 }
 
 // One call: reads a request, writes its answer, and only then reads the next. Deletes itself.
-class ReflectionCall final
-    : public grpc::ServerBidiReactor<ServerReflectionRequest, ServerReflectionResponse> {
+class ReflectionCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer> {
  public:
   //   open: is 1 higher until the call ends
   ReflectionCall(const std::vector<std::string>& services, SmallMessages& small,
@@ -106,12 +106,21 @@ class ReflectionCall final
       Finish(grpc::Status::OK);
       return;
     }
-    if (request_.ByteSizeLong() > kMostRequestBytes) {
+    // A larger one is not even parsed: what it holds could take much more memory.
+    if (message_.Length() > kMostRequestBytes) {
       Finish({grpc::StatusCode::INVALID_ARGUMENT, "a reflection request has at most 1024 bytes"});
       return;
     }
-    response_ = AnswerReflection(request_, services_);
-    StartWrite(&response_);
+    ServerReflectionRequest request;
+    if (!grpc::SerializationTraits<ServerReflectionRequest>::Deserialize(&message_, &request)
+             .ok()) {
+      Finish(ToGrpcStatus(errors::MalformedMessage()));
+      return;
+    }
+    bool own = false;
+    grpc::SerializationTraits<ServerReflectionResponse>::Serialize(
+        AnswerReflection(request, services_), &message_, &own);
+    StartWrite(&message_);
   }
   void OnWriteDone(bool ok) override {
     if (ok) {
@@ -129,16 +138,15 @@ class ReflectionCall final
   void ReadNext() {
     number_ = small_.Add(rpc_.peer(),
                          [call = std::make_shared<CallHandle>(rpc_)] { call->Cancel(NotSmall()); });
-    StartRead(&request_);
+    StartRead(&message_);
   }
 
   const std::vector<std::string>& services_;
   SmallMessages& small_;
   std::atomic<int>& open_;
   grpc::CallbackServerContext& rpc_;
-  int64_t number_ = 0;  // of the request that is read
-  ServerReflectionRequest request_;
-  ServerReflectionResponse response_;
+  int64_t number_ = 0;        // of the request that is read
+  grpc::ByteBuffer message_;  // the request that is read, or its answer that is written
 };
 
 }  // namespace
@@ -190,7 +198,7 @@ ReflectionService::ReflectionService(std::vector<std::string> services, SmallMes
   // gRPC's own v1alpha keeps a thread for each open call.
   AddMethod(new RpcServiceMethod(kAlphaMethod, RpcMethod::BIDI_STREAMING, nullptr));
   MarkMethodCallback(
-      1, new BidiHandler<ServerReflectionRequest, ServerReflectionResponse>(
+      1, new BidiHandler<grpc::ByteBuffer, grpc::ByteBuffer>(
              [this](grpc::CallbackServerContext* rpc) { return ServerReflectionInfo(rpc); }));
 }
 
@@ -198,7 +206,7 @@ std::vector<std::string> ReflectionService::MethodNames() {
   return {kReflectionMethod, kAlphaMethod};
 }
 
-grpc::ServerBidiReactor<ServerReflectionRequest, ServerReflectionResponse>*
+grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>*
 ReflectionService::ServerReflectionInfo(grpc::CallbackServerContext* rpc) {
   return new ReflectionCall(services_, small_, calls_, rpc);
 }

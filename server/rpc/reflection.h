@@ -23,7 +23,10 @@ grpc::reflection::v1::ServerReflectionResponse AnswerReflection(
     const grpc::reflection::v1::ServerReflectionRequest& request,
     const std::vector<std::string>& services);
 
-class ReflectionService final : public grpc::reflection::v1::ServerReflection::CallbackService {
+// Its calls read bytes, so that a large request is refused before it is parsed.
+class ReflectionService final
+    : public grpc::reflection::v1::ServerReflection::WithRawCallbackMethod_ServerReflectionInfo<
+          grpc::reflection::v1::ServerReflection::Service> {
  public:
   // Serves both versions. Adds their names.
   //   services: full names of the other services of the server
@@ -33,9 +36,8 @@ class ReflectionService final : public grpc::reflection::v1::ServerReflection::C
   // Returns the paths of its methods.
   static std::vector<std::string> MethodNames();
 
-  grpc::ServerBidiReactor<grpc::reflection::v1::ServerReflectionRequest,
-                          grpc::reflection::v1::ServerReflectionResponse>*
-  ServerReflectionInfo(grpc::CallbackServerContext* rpc) override;
+  grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* ServerReflectionInfo(
+      grpc::CallbackServerContext* rpc) override;
 
  private:
   std::vector<std::string> services_;

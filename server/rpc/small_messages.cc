@@ -29,6 +29,10 @@ void SmallMessages::Watch(ReceivedBy received) {
 
 void SmallMessages::Run(const ReceivedBy& received) {
   for (;;) {
+    if (IsIdle()) {
+      const MutexLock looking(looking_);
+      before_.clear();
+    }
     {
       const MutexLock lock(mutex_);
       while (underway_.empty() && !is_stopped_) changed_.Wait(mutex_);
@@ -39,6 +43,11 @@ void SmallMessages::Run(const ReceivedBy& received) {
     }
     Look(received);
   }
+}
+
+bool SmallMessages::IsIdle() {
+  const MutexLock lock(mutex_);
+  return underway_.empty();
 }
 
 int64_t SmallMessages::Add(std::string peer, std::function<void()> cancel) {

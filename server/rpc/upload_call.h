@@ -3,7 +3,9 @@
 #ifndef MANEUVER_SERVER_RPC_UPLOAD_CALL_H_
 #define MANEUVER_SERVER_RPC_UPLOAD_CALL_H_
 
+#include <grpcpp/impl/codegen/proto_utils.h>
 #include <grpcpp/server_context.h>
+#include <grpcpp/support/byte_buffer.h>
 #include <grpcpp/support/server_callback.h>
 
 #include <atomic>
@@ -18,7 +20,7 @@
 #include "locks/mutex.h"
 #include "server/rpc/blocking_call.h"
 #include "server/rpc/guarded_service.h"
-#include "server/rpc/worker_pool.h"
+#include "server/rpc/request_outline.h"
 #include "server/security/access_control.h"
 
 namespace maneuver::rpc {
@@ -46,25 +48,27 @@ absl::Status CheckArrived(const Files& files, const Numbers& arrived, absl::stri
 }
 
 // Reads the next message only after the last was handed to the disk, so a fast client waits for a
-// slow disk. Deletes itself.
+// slow disk. Receives and answers bytes, so that a message that would take too much memory is refused
+// before it is parsed. Deletes itself.
 //   Request: has header() or chunk(). Upload: has Append, Commit (a StatusOr<Response>), Discard.
 template <typename Request, typename Response, typename Upload>
-class UploadCall : public grpc::ServerReadReactor<Request> {
+class UploadCall : public grpc::ServerReadReactor<grpc::ByteBuffer> {
  public:
   void OnReadDone(bool ok) final {
     if (!reading_.exchange(false)) return;  // the call was refused
     const auto step = [this, ok] { TakeStep(ok); };
     if (upload_ != nullptr) {
-      pool_.Continue(step);
-    } else if (!pool_.Post(step)) {
+      blocking_.pool.Continue(step);
+    } else if (!blocking_.pool.Post(step)) {
       End(Busy());
     }
   }
   void OnDone() final { delete this; }
 
  protected:
-  UploadCall(WorkerPool& pool, grpc::CallbackServerContext* rpc, Response* response)
-      : pool_(pool), rpc_(rpc), response_(response) {}
+  UploadCall(const BlockingWork& blocking, grpc::CallbackServerContext* rpc,
+             grpc::ByteBuffer* response)
+      : blocking_(blocking), rpc_(rpc), response_(response) {}
 
   // Begins the call; the last thing that a constructor does.
   //   method: "/maneuver.v1.DatasetService/UploadDataset".
@@ -88,7 +92,7 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
       if (!reading_.exchange(false)) return;  // the thread that works on the call will see it
     }
     // The read that is left pending ends with the call.
-    pool_.Continue([this, refusal] { EndRefused(refusal); });
+    blocking_.pool.Continue([this, refusal] { EndRefused(refusal); });
   }
 
   // Runs one step on a thread of the pool; never two at a time.
@@ -104,12 +108,13 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
   void ReadOn() {
     absl::Status refusal;
     {
-      // The lock keeps out a refusal. OnReadDone may run at once, but takes no lock.
+      // The lock keeps out a refusal. OnReadDone may run at once, but takes the lock for the first
+      // message alone, which gRPC does not read before the call is handed over.
       const MutexLock lock(mutex_);
       refusal = refusal_;
       if (refusal.ok()) {
         reading_ = true;
-        this->StartRead(&message_);
+        StartRead(&message_);
       }
     }
     if (!refusal.ok()) EndRefused(refusal);
@@ -127,24 +132,42 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
     {
       const MutexLock lock(mutex_);  // ReadOn, on another thread, has released it
     }
-    this->Finish(ToGrpcStatus(status));
+    Finish(ToGrpcStatus(status));
   }
 
-  absl::Status TakeMessage() {
-    if (upload_ == nullptr) {
-      if (!message_.has_header()) return HeaderMissing();
-      auto upload = Begin(message_);
-      if (!upload.ok()) return WithReason(upload.status());
-      upload_ = *std::move(upload);
-      return absl::OkStatus();
-    }
-    if (message_.has_header()) {
+  absl::Status TakeMessage() { return upload_ == nullptr ? TakeHeader() : TakeChunk(); }
+
+  absl::Status TakeHeader() {
+    absl::Status status = CheckDensity(*Request::descriptor(), message_);
+    if (!status.ok()) return status;
+    // Kept until the upload has begun.
+    const auto room = blocking_.send_memory.AdmitRequest(static_cast<int64_t>(message_.Length()));
+    if (!room.ok()) return room.status();
+    Request first;
+    if (!Parse(&first)) return errors::MalformedMessage();
+    if (!first.has_header()) return HeaderMissing();
+    auto upload = Begin(first);
+    if (!upload.ok()) return WithReason(upload.status());
+    upload_ = *std::move(upload);
+    return absl::OkStatus();
+  }
+
+  absl::Status TakeChunk() {
+    constexpr size_t kFrame = 16;  // bytes; those around the chunk are fewer
+    const absl::Status too_large = errors::InvalidField("chunk", "must have at most 1 MiB");
+    if (message_.Length() > kMaxUploadChunk + kFrame) return too_large;
+    Request next;
+    if (!Parse(&next)) return errors::MalformedMessage();
+    if (next.has_header()) {
       return errors::InvalidField("header", "must be the first message alone");
     }
-    if (message_.chunk().size() > kMaxUploadChunk) {
-      return errors::InvalidField("chunk", "must have at most 1 MiB");
-    }
-    return WithReason(upload_->Append(message_.chunk()));
+    if (next.chunk().size() > kMaxUploadChunk) return too_large;
+    return WithReason(upload_->Append(next.chunk()));
+  }
+
+  // Lets go of the bytes.
+  bool Parse(Request* request) {
+    return grpc::SerializationTraits<Request>::Deserialize(&message_, request).ok();
   }
 
   absl::Status Commit() {
@@ -153,7 +176,8 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
     if (upload_ == nullptr) return HeaderMissing();
     auto committed = upload_->Commit();
     if (!committed.ok()) return WithReason(committed.status());
-    *response_ = *std::move(committed);
+    bool own = false;
+    grpc::SerializationTraits<Response>::Serialize(*committed, response_, &own);
     return absl::OkStatus();
   }
 
@@ -161,10 +185,10 @@ class UploadCall : public grpc::ServerReadReactor<Request> {
     return errors::InvalidField("header", "must be the first message of an upload");
   }
 
-  WorkerPool& pool_;
+  const BlockingWork blocking_;
   grpc::CallbackServerContext* const rpc_;
-  Response* const response_;
-  Request message_;
+  grpc::ByteBuffer* const response_;
+  grpc::ByteBuffer message_;
   std::unique_ptr<Upload> upload_;  // from the header on; used by the step in progress alone
 
   // A read is in progress. Whoever sets this to false continues the call: OnReadDone or a refusal.

@@ -77,7 +77,7 @@ class ServingTable {
 
   // Does what other servers have decided, each in the same way as if it were decided here: moves
   // and removes aliases, and shows new labels. A version that cannot be loaded leaves its alias as
-  // it was, and is tried again after kRetryLoad. Logs errors, once. May take long.
+  // it was, and is tried again later (ServingTableOptions::retry_load). Logs errors, once. May take long.
   void Follow();
 
   // Returns the version that a request refers to; without a reference, the version of the only

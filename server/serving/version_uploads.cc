@@ -10,6 +10,7 @@
 #include "model/artifact/model_folder.h"
 #include "model/files/digest.h"
 #include "model/files/file_receiver.h"
+#include "model/files/file_system_failure.h"
 #include "server/serving/version_description.h"
 #include "server/serving/version_files.h"
 
@@ -72,21 +73,24 @@ std::optional<security::ModelVersionName> FindSame(const VersionStore& versions,
   return std::nullopt;
 }
 
-absl::Status CheckModel(const fs::path& folder) {
-  if (const auto model = artifact::ReadModelFolder(folder); !model.ok()) return model.status();
-  const auto baselines = artifact::ReadBaselines(folder);
-  return absl::IsNotFound(baselines.status()) ? absl::OkStatus() : baselines.status();
+// Whether it is the server that could not read a model's files, not the files that are wrong.
+bool IsOfServer(const absl::Status& status) {
+  return files::IsFileSystemFailure(status) || absl::IsResourceExhausted(status);
 }
 
 class ReceivedVersion final : public VersionUpload {
  public:
+  // VersionUploads says what the arguments are; those that are references must outlive this object.
   ReceivedVersion(std::string model, FileList files, fs::path beside, VersionStore& versions,
-                  ServingTable& table, std::unique_ptr<files::FileReceiver> receiver)
+                  ServingTable& table, const ModelCheck& check, Mutex& registering,
+                  std::unique_ptr<files::FileReceiver> receiver)
       : model_(std::move(model)),
         files_(std::move(files)),
         beside_(std::move(beside)),
         versions_(versions),
         table_(table),
+        check_(check),
+        registering_(registering),
         receiver_(std::move(receiver)) {}
 
   absl::Status Append(std::string_view bytes) override { return receiver_->Append(bytes); }
@@ -104,12 +108,24 @@ class ReceivedVersion final : public VersionUpload {
   absl::Status Publish(const fs::path& folder) {
     name_ = versions_.FindMadeBy(model_, MakerOf(files_));
     if (name_) return absl::OkStatus();
-    // The digests agreed: it is not damaged, it never was what it should be.
-    if (const absl::Status status = CheckModel(folder); !status.ok()) {
+    if (absl::Status status = check_(folder); !status.ok()) {
+      if (IsOfServer(status)) return status;
+      // The digests agreed: it is not damaged, it never was what it should be.
       return absl::InvalidArgumentError(
           absl::StrCat("the files are not a model: ", status.message()));
     }
-    auto made = table_.Publish(model_, folder, v1::PROMOTION_NEVER, {MakerOf(files_)});
+    return Register(folder);
+  }
+
+  absl::Status Register(const fs::path& folder) {
+    const MutexLock lock(registering_);
+    // Another caller may have registered it, here or at another server, while it was checked.
+    const serving::Maker maker{MakerOf(files_)};
+    const auto found = table_.FindMadeBy(model_, v1::PROMOTION_NEVER, maker);
+    if (!found.ok()) return found.status();
+    name_ = *found;
+    if (name_) return absl::OkStatus();
+    auto made = table_.Publish(model_, folder, v1::PROMOTION_NEVER, maker);
     if (made.ok()) name_ = *made;
     if (absl::IsFailedPrecondition(made.status())) {
       return absl::InvalidArgumentError(made.status().message());
@@ -122,17 +138,26 @@ class ReceivedVersion final : public VersionUpload {
   const fs::path beside_;
   VersionStore& versions_;
   ServingTable& table_;
+  const ModelCheck& check_;
+  Mutex& registering_;
   const std::unique_ptr<files::FileReceiver> receiver_;
   std::optional<security::ModelVersionName> name_;  // once it is registered
 };
 
 }  // namespace
 
+absl::Status CheckModelFolder(const fs::path& folder) {
+  if (const auto model = artifact::ReadModelFolder(folder); !model.ok()) return model.status();
+  const auto baselines = artifact::ReadBaselines(folder);
+  return absl::IsNotFound(baselines.status()) ? absl::OkStatus() : baselines.status();
+}
+
 VersionUploads::VersionUploads(fs::path folder, VersionStore& versions, ServingTable& table,
-                               std::chrono::seconds keep, bool is_shared)
+                               std::chrono::seconds keep, bool is_shared, ModelCheck check)
     : folder_(std::move(folder)),
       versions_(versions),
       table_(table),
+      check_(std::move(check)),
       keep_(keep),
       staging_(std::make_shared<files::UploadStaging>(folder_, is_shared)) {}
 
@@ -165,7 +190,7 @@ absl::StatusOr<std::unique_ptr<VersionUpload>> VersionUploads::Begin(
       });
   if (!receiver.ok()) return receiver.status();
   return std::make_unique<ReceivedVersion>(model, header.files(), folder_ / model, versions_,
-                                           table_, *std::move(receiver));
+                                           table_, check_, registering_, *std::move(receiver));
 }
 
 absl::StatusOr<v1::QueryModelUploadResponse> VersionUploads::Query(const std::string& model,

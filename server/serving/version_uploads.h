@@ -7,6 +7,7 @@
 #include <chrono>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -14,6 +15,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "locks/mutex.h"
 #include "maneuver/v1/model_service.pb.h"
 #include "model/files/upload_staging.h"
 #include "server/serving/serving_table.h"
@@ -32,11 +34,19 @@ class VersionUpload {
   virtual absl::Status Append(std::string_view bytes) = 0;
   // Checks all files, loads the model once, and registers it as the model's next version without an
   // alias. If an earlier upload of the same files made a version, returns that one. May take long.
-  // INVALID_ARGUMENT if the files are not a model that can be served.
+  // INVALID_ARGUMENT if the files are not a model that can be served. What has arrived is kept if
+  // they cannot be read, or the disk is full.
   virtual absl::StatusOr<v1::ModelVersion> Commit() = 0;
   // Discards everything that has arrived.
   virtual void Discard() = 0;
 };
+
+// Returns an error for a folder that holds no model that can be served: DATA_LOSS, INVALID_ARGUMENT or
+// NOT_FOUND for what it holds, another if it cannot be read.
+using ModelCheck = std::function<absl::Status(const std::filesystem::path& folder)>;
+
+// A ModelCheck that reads the whole model, and its baselines if it has any.
+absl::Status CheckModelFolder(const std::filesystem::path& folder);
 
 // All model ids must be valid. Safe to use from any thread.
 class VersionUploads {
@@ -46,8 +56,10 @@ class VersionUploads {
   //   versions, table: `table` must be the table of `versions`; both must outlive this object
   //   is_shared: other servers use the folder, too
   //   keep: an interrupted upload is removed this long after its last byte arrived; 0: never
+  //   check: called for each new version, before it is registered, by several threads at once
   VersionUploads(std::filesystem::path folder, VersionStore& versions, ServingTable& table,
-                 std::chrono::seconds keep, bool is_shared = false);
+                 std::chrono::seconds keep, bool is_shared = false,
+                 ModelCheck check = CheckModelFolder);
 
   // Begins or continues an upload. Only bytes that this caller sent count as arrived.
   //   header: its files must be valid (ValidateVersionFiles), and arrived_bytes must fit them.
@@ -72,6 +84,8 @@ class VersionUploads {
   const std::filesystem::path folder_;
   VersionStore& versions_;
   ServingTable& table_;
+  const ModelCheck check_;
+  Mutex registering_;  // so that the same files make one version
   const std::chrono::seconds keep_;
   const std::shared_ptr<files::UploadStaging> staging_;
 };

@@ -349,6 +349,34 @@ TEST_F(JobServicesTest, TellsWhichBytesAreAlreadyThereAndChecksThem) {
   EXPECT_THAT(ask().error_message(), HasSubstr("dataset.shards[0].sha256"));
 }
 
+TEST_F(JobServicesTest, RefusesAHeaderOfEmptyElementsBeforeItIsParsed) {
+  v1::UploadDatasetRequest header = Header("datasets/a");
+  for (int i = 0; i < 600'000; ++i) header.mutable_header()->mutable_dataset()->add_shards();
+  const grpc::Status status = Upload({header});
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_THAT(status.error_message(), HasSubstr("leave out empty elements"));
+  EXPECT_THAT(NamesInStore(), ElementsAre("town", "village"));
+}
+
+TEST_F(JobServicesTest, RefusesAChunkOfMoreThanOneMebibyte) {
+  for (const size_t bytes : {(size_t{1} << 20) + 1, size_t{2} << 20}) {
+    const grpc::Status status = Upload({Header("datasets/a"), Chunk(std::string(bytes, 'x'))});
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+    EXPECT_THAT(status.error_message(), HasSubstr("chunk: must have at most 1 MiB"));
+  }
+}
+
+TEST_F(JobServicesTest, AnUploadOfBytesThatAreNoMessageIsInvalid) {
+  v1::UploadDatasetRequest broken;
+  // In place of the header.
+  broken.GetReflection()->MutableUnknownFields(&broken)->AddLengthDelimited(1, "\xff");
+  for (const auto& messages : {std::vector{broken}, std::vector{Header("datasets/a"), broken}}) {
+    const grpc::Status status = Upload(messages);
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+    EXPECT_THAT(status.error_message(), HasSubstr("do not parse"));
+  }
+}
+
 TEST_F(JobServicesTest, AnInterruptedUploadIsNotADataset) {
   {
     grpc::ClientContext context;

@@ -1,5 +1,6 @@
 #include "server/rpc/open_connections.h"
 
+#include <arpa/inet.h>
 #include <gtest/gtest.h>
 #include <netinet/in.h>
 #include <poll.h>
@@ -173,6 +174,22 @@ TEST_F(OpenConnectionsTest, TellsWhatTheConnectionOfACallerReceived) {
   EXPECT_EQ(received.Bytes(gone), 0);
   first.Send(10);
   EXPECT_EQ(received.Bytes(peer_of(first)), 10);
+}
+
+// As gRPC 1.51 names its callers.
+TEST(PeerNameTest, HasTheLinkOfALinkLocalAddress) {
+  const auto name = [](const char* address, uint32_t link) {
+    sockaddr_storage peer{};
+    auto& of_ip6 = reinterpret_cast<sockaddr_in6&>(peer);
+    of_ip6.sin6_family = AF_INET6;
+    of_ip6.sin6_port = htons(4567);
+    of_ip6.sin6_scope_id = link;
+    EXPECT_EQ(inet_pton(AF_INET6, address, &of_ip6.sin6_addr), 1);
+    return PeerName(peer);
+  };
+  EXPECT_EQ(name("fe80::1", 2), "ipv6:%5Bfe80::1%252%5D:4567");
+  EXPECT_EQ(name("::1", 0), "ipv6:%5B::1%5D:4567");
+  EXPECT_EQ(name("::ffff:127.0.0.1", 0), "ipv4:127.0.0.1:4567");
 }
 
 }  // namespace

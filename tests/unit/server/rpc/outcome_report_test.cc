@@ -37,6 +37,7 @@ namespace maneuver::rpc::outcome_report_test {
 namespace {
 
 namespace fs = std::filesystem;
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
 // Eight actions over 2.5 s.
@@ -401,6 +402,22 @@ TEST_F(OutcomeReportTest, EachInvalidItemFailsAloneWithItsPath) {
     EXPECT_EQ(error.code(), 3) << error.message();  // INVALID_ARGUMENT
     EXPECT_EQ(FirstField(errors::FromProto(error)), each.field);
   }
+}
+
+TEST_F(OutcomeReportTest, AMalformedModelIsThatOfEachOutcomeThatNamesIt) {
+  v1::ReportOutcomesRequest request;
+  request.set_model("town");
+  for (const char* model : {"", "town", "town"}) {
+    *request.add_outcomes() = outcomes_[3];
+    request.mutable_outcomes()->rbegin()->set_model(model);
+  }
+  const absl::Status status = Report(request);
+  ASSERT_TRUE(status.ok()) << status;
+  std::vector<std::string> fields;
+  for (const auto& score : response_.scores()) {
+    fields.push_back(FirstField(errors::FromProto(score.error())));
+  }
+  EXPECT_THAT(fields, ElementsAre("model", "outcomes[1].model", "outcomes[2].model"));
 }
 
 TEST_F(OutcomeReportTest, WithoutAnyKeptAnswersAReportByIdSaysSo) {

@@ -244,18 +244,47 @@ TEST_F(ServerTest, BoundsWhatCallersOfReflectionHold) {
   calls.clear();  // cancels them
 }
 
+// Parsed, a message full of small fields that nobody knows takes many times its bytes.
+TEST_F(ServerTest, LooksAtTheSizeOfAReflectionRequestBeforeItParsesIt) {
+  for (const std::string version : {"v1", "v1alpha"}) {
+    grpc::ByteBuffer answer;
+    const std::string method =
+        absl::StrCat("/grpc.reflection.", version, ".ServerReflection/ServerReflectionInfo");
+    const std::string no_message(1025, '\xff');
+    const grpc::Status large = CallWithBytes(channel_, method, no_message, &answer);
+    EXPECT_EQ(large.error_message(), "a reflection request has at most 1024 bytes");
+    const grpc::Status small = CallWithBytes(channel_, method, "\xff\xff\xff", &answer);
+    EXPECT_EQ(small.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+    EXPECT_THAT(small.error_message(), HasSubstr("do not parse"));
+  }
+}
+
 // gRPC keeps such a request as long as the call.
 TEST_F(ServerTest, RefusesALargeRequestOfAMethodThatAnswersWithAStream) {
   Publish();
   v1::DownloadModelVersionRequest request;
-  request.set_name(std::string(65'536, 'a'));
+  request.set_name(std::string(1 << 20, 'a'));
   grpc::ClientContext context;
   v1::DownloadModelVersionResponse response;
   const auto stream = model_stub_->DownloadModelVersion(&context, request);
   EXPECT_FALSE(stream->Read(&response));
   const grpc::Status status = stream->Finish();
-  EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
-  EXPECT_THAT(status.error_message(), HasSubstr("64 KiB"));
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
+  EXPECT_THAT(status.error_message(), HasSubstr("at most 1 MiB"));
+}
+
+// The tags of 10,000 shards have two files for each, and a schema.
+TEST_F(ServerTest, ContinuesADownloadOfAsManyFilesAsTagsHave) {
+  Publish();
+  v1::DownloadModelVersionRequest request;
+  request.set_name("models/town/versions/1");
+  for (int i = 0; i < 20'001; ++i) request.add_arrived_bytes(int64_t{1} << 40);
+  grpc::ClientContext context;
+  v1::DownloadModelVersionResponse response;
+  const auto stream = model_stub_->DownloadModelVersion(&context, request);
+  EXPECT_FALSE(stream->Read(&response));
+  // So far it got: this model has no files.
+  EXPECT_THAT(stream->Finish().error_message(), HasSubstr("model.json is missing"));
 }
 
 TEST_F(ServerTest, RefusesARequestWhoseAnswerCouldBeTooLarge) {

@@ -3,8 +3,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <atomic>
+#include <chrono>
 #include <map>
 #include <string>
+#include <thread>
 #include <vector>
 
 namespace maneuver::rpc::small_messages_test {
@@ -78,6 +81,31 @@ TEST_F(SmallMessagesTest, CountsAConnectionAnewOnceNoMessageIsUnderway) {
   Look();
   received_["a"] += SmallMessages::kMostBytesUnderway;
   Look();
+  EXPECT_THAT(cancelled_, IsEmpty());
+}
+
+// Such a message was counted before its end, and no look follows that sees its end.
+TEST_F(SmallMessagesTest, AMessageThatEndsDuringALookLeavesNothingOfItsConnection) {
+  std::atomic<int64_t> number = 0;
+  std::atomic<int64_t> received = 0;
+  std::atomic<int> looks = 0;
+  messages_.Watch([&](const std::string&) {
+    if (++looks == 1) {
+      EXPECT_TRUE(messages_.Remove(number));
+    }
+    return received.load();
+  });
+  const auto wait_for_looks = [&looks](int all) {
+    while (looks < all) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  };
+  number = Add("a");
+  wait_for_looks(1);
+  // Long enough for another look, if one came.
+  std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  received = SmallMessages::kMostBytesUnderway + 1;
+  const int64_t next = Add("a");
+  wait_for_looks(3);
+  EXPECT_TRUE(messages_.Remove(next));
   EXPECT_THAT(cancelled_, IsEmpty());
 }
 
