@@ -4,12 +4,19 @@
 #define MANEUVER_CLIENT_CLI_ACTION_GALLERY_H_
 
 #include <string>
+#include <vector>
 
 #include "absl/status/statusor.h"
 #include "client/cli/environment.h"
 #include "client/plot/action_gallery_plot.h"
+#include "maneuver/v1/model_service.pb.h"
 
 namespace maneuver::cli {
+
+// Returns the actions of a version at 0, 5, 10 and 20 m/s; one set alone if they are the same at
+// every speed (v1::ActionSet.speed is not set).
+absl::StatusOr<std::vector<v1::ActionSet>> ActionSetsOf(const std::string& model_version,
+                                                        Environment& environment);
 
 // Asks the server for the actions of a version at 0, 5, 10 and 20 m/s, and draws them. Returns a
 // PNG file. For models whose actions differ by speed (v1::ActionSet.speed is set).

@@ -1,5 +1,7 @@
 // maneuver dataset: upload, register, list, show, annotate, index, delete.
 
+#include <google/protobuf/struct.pb.h>
+
 #include <memory>
 #include <ostream>
 
@@ -22,19 +24,13 @@ int Upload(const std::string& folder, const std::string& name, Environment& envi
       folder, DatasetResource(name), line.callback(), environment.call_options());
   line.Clear();
   if (!dataset.ok()) {
-    const int status = environment.Fail(dataset.status());
-    if (line.has_begun() &&
-        (absl::IsUnavailable(dataset.status()) || absl::IsDeadlineExceeded(dataset.status()))) {
-      environment.err << "the server keeps what has arrived for a while; to continue, run the same "
-                         "command again\n";
-    }
-    return status;
+    return line.Fail(dataset.status(), "the server keeps what has arrived for a while");
   }
   if (environment.json()) {
     environment.PrintJson(*dataset);
   } else {
-    environment.out << dataset->name() << ": " << dataset->recordings() << " recordings, "
-                    << Bytes(SizeBytes(*dataset)) << "\n";
+    environment.out << dataset->name() << ": " << HowMany(dataset->recordings(), "recording")
+                    << ", " << Bytes(SizeBytes(*dataset)) << "\n";
   }
   return kOk;
 }
@@ -49,8 +45,8 @@ int Register(const std::string& name, const std::string& folder, Environment& en
   if (environment.json()) {
     environment.PrintJson(*dataset);
   } else {
-    environment.out << dataset->name() << ": " << dataset->recordings() << " recordings, "
-                    << Bytes(SizeBytes(*dataset)) << ", in place in " << folder << "\n";
+    environment.out << dataset->name() << ": " << HowMany(dataset->recordings(), "recording")
+                    << ", " << Bytes(SizeBytes(*dataset)) << ", in place in " << folder << "\n";
   }
   return kOk;
 }
@@ -100,7 +96,15 @@ int IndexDataset(const std::string& folder, Environment& environment) {
   const auto index = data::RecordingIndex::Open(
       folder, [&](const std::string& what) { environment.err << what << "\n"; });
   if (!index.ok()) return environment.Fail(index.status());
-  environment.out << folder << ": " << index->entries().size() << " recordings are indexed\n";
+  const auto recordings = static_cast<int64_t>(index->entries().size());
+  if (environment.json()) {
+    google::protobuf::Struct indexed;
+    (*indexed.mutable_fields())["folder"].set_string_value(folder);
+    (*indexed.mutable_fields())["recordings"].set_number_value(static_cast<double>(recordings));
+    environment.PrintJson(indexed);
+  } else {
+    environment.out << folder << ": " << HowMany(recordings, "recording") << " indexed\n";
+  }
   return kOk;
 }
 

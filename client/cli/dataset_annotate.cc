@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "client/cli/command.h"
 #include "client/cli/table.h"
+#include "client/cli/text_format.h"
 #include "model/data/label_file.h"
 #include "model/files/durable_file.h"
 
@@ -47,8 +48,9 @@ int AnnotateDataset(const AnnotateArguments& arguments, Environment& environment
   Table table({{"ACTION"}, {"LABELS", Align::kRight}});
   for (const auto& [action, count] : counts) table.Add({action, absl::StrCat(count)});
   environment.out << table.Text(environment.color);
-  environment.err << arguments.output << ": " << dataset->recordings() << " recordings, "
-                  << labels->annotations.size() << " labels; train with examples.label_share=1\n";
+  environment.err << arguments.output << ": " << HowMany(dataset->recordings(), "recording") << ", "
+                  << HowMany(static_cast<int64_t>(labels->annotations.size()), "label")
+                  << "; train with examples.label_share=1\n";
   return kOk;
 }
 

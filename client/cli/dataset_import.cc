@@ -51,22 +51,9 @@ class Import final : public ImportSink {
         free_threads_(static_cast<std::ptrdiff_t>(threads_)) {}
 
   absl::StatusOr<v1::Dataset> Run(const std::vector<ImportFile>& files) {
-    for (const ImportFile& file : files) total_bytes_ += file.bytes;
-    for (const ImportFile& file : files) {
-      absl::Status status = format_.read(file.path, *this);
-      if (!status.ok()) return status;
-      before_file_ += file.bytes;
-    }
-    while (!parsing_.empty()) {
-      absl::Status status = TakeFirst();
-      if (!status.ok()) return status;
-    }
+    absl::StatusOr<v1::Dataset> dataset = Write(files);
     progress_.Clear();
-    if (recordings_ == 0) {
-      return absl::InvalidArgumentError(
-          absl::StrCat("none of the files holds a usable ", format_.name));
-    }
-    return writer_.Commit();
+    return dataset;
   }
 
   absl::Status Take(RawRecording&& recording) override {
@@ -96,8 +83,8 @@ class Import final : public ImportSink {
     if (damaged_ > 0) absl::StrAppend(&text, "damaged records skipped: ", damaged_, "\n");
     if (refused_ > 0) absl::StrAppend(&text, "unusable recordings skipped: ", refused_, "\n");
     if (renamed_ > 0) {
-      absl::StrAppend(&text, renamed_,
-                      " recordings with an id seen before got a suffix (\"#2\")\n");
+      absl::StrAppend(&text, HowMany(renamed_, "recording"),
+                      " with an id seen before got a suffix (\"#2\")\n");
     }
     return text;
   }
@@ -112,6 +99,24 @@ class Import final : public ImportSink {
   }
 
  private:
+  absl::StatusOr<v1::Dataset> Write(const std::vector<ImportFile>& files) {
+    for (const ImportFile& file : files) total_bytes_ += file.bytes;
+    for (const ImportFile& file : files) {
+      absl::Status status = format_.read(file.path, *this);
+      if (!status.ok()) return status;
+      before_file_ += file.bytes;
+    }
+    while (!parsing_.empty()) {
+      absl::Status status = TakeFirst();
+      if (!status.ok()) return status;
+    }
+    if (recordings_ == 0) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("none of the files holds a usable ", format_.name));
+    }
+    return writer_.Commit();
+  }
+
   double Passed() const {  // seconds
     return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
   }
@@ -186,7 +191,7 @@ class Import final : public ImportSink {
   void Say(const std::string& text) {
     if (++said_ > kMostSaid) return;
     progress_.Clear();
-    environment_.err << text << "\n";
+    environment_.err << Printable(text) << "\n";
     if (said_ == kMostSaid) environment_.err << "further ones are counted, not listed\n";
   }
 
@@ -283,8 +288,8 @@ int RunImport(const ImportArguments& arguments, const ImportFormat& format,
   if (environment.json()) {
     environment.PrintJson(*dataset);
   } else {
-    environment.out << arguments.folder << ": " << dataset->recordings() << " recordings, "
-                    << Spell(dataset->duration_seconds()) << " of driving\n";
+    environment.out << arguments.folder << ": " << HowMany(dataset->recordings(), "recording")
+                    << ", " << Spell(dataset->duration_seconds()) << " of driving\n";
     environment.err << import.Effort() << "\n";
   }
   return import.complete() ? kOk : kFailed;

@@ -176,8 +176,8 @@ std::string DescriptionText(const v1::DatasetSummary& summary, bool color) {
   table.Add({"created", Moment(dataset.create_time())});
   table.Add({"recordings", CountOf(dataset.recordings())});
   table.Add({"driving", Spell(dataset.duration_seconds())});
-  table.Add(
-      {"size", absl::StrCat(Bytes(SizeBytes(dataset)), " in ", dataset.shards_size(), " files")});
+  table.Add({"size", absl::StrCat(Bytes(SizeBytes(dataset)), " in ",
+                                  HowMany(dataset.shards_size(), "file"))});
   table.Add(
       {"examples",
        absl::StrFormat("%s: vehicles, one each %g s, %g s ahead", CountOf(examples),

@@ -20,9 +20,16 @@ struct EvaluateArguments {
   std::vector<std::string> assignments;
   std::optional<std::string> figures;
   ReportFiles report;
+  std::optional<int64_t> priority;
   bool detach = false;
   bool validate_only = false;
 };
+
+int SayHowToDraw(const v1::Job& job, const EvaluateArguments& arguments, Environment& environment) {
+  environment.err << "when it has ended, draw the figures with: maneuver job show "
+                  << ShortName(job.name()) << " --figures " << *arguments.figures << "\n";
+  return kOk;
+}
 
 int Evaluate(const EvaluateArguments& arguments, Environment& environment) {
   v1::EvaluateRequest request;
@@ -32,15 +39,14 @@ int Evaluate(const EvaluateArguments& arguments, Environment& environment) {
     const absl::Status status = SetExampleField(assignment, request.mutable_examples());
     if (!status.ok()) return environment.Refuse(std::string(status.message()));
   }
-  if (arguments.figures) {
-    request.set_sampled_examples(kSampledExamples);
-    // Before anything is computed. A detached job is drawn later, wherever `job show` is told to.
-    const absl::Status prepared =
-        arguments.detach ? absl::OkStatus() : PrepareFigureFolder(*arguments.figures);
+  if (arguments.figures) request.set_sampled_examples(kSampledExamples);
+  // Before anything is computed. A detached job is drawn later, wherever `job show` is told to.
+  if (!arguments.validate_only && !arguments.detach) {
+    absl::Status prepared = PrepareReport(arguments.report);
+    if (prepared.ok() && arguments.figures) prepared = PrepareFigureFolder(*arguments.figures);
     if (!prepared.ok()) return environment.Refuse(std::string(prepared.message()));
   }
-  const absl::Status prepared = PrepareReport(arguments.report);
-  if (!prepared.ok()) return environment.Refuse(std::string(prepared.message()));
+  request.set_priority(static_cast<int32_t>(arguments.priority.value_or(0)));
   request.set_validate_only(arguments.validate_only);
   const auto job = environment.server_client().Evaluate(request, environment.call_options());
   if (!job.ok()) return environment.Fail(job.status());
@@ -51,19 +57,18 @@ int Evaluate(const EvaluateArguments& arguments, Environment& environment) {
   const int watched =
       ShowStarted(*job, absl::StrCat("measures ", request.model(), " on ", request.dataset()),
                   arguments.detach, environment);
-  if (watched != kOk || arguments.detach) return watched;
+  if (watched != kOk) return watched;
   const int reported = arguments.report.any()
                            ? WriteReportOfWatched(job->name(), arguments.report, environment)
                            : kOk;
   if (reported != kOk || !arguments.figures) return reported;
+  if (arguments.detach) return SayHowToDraw(*job, arguments, environment);
   v1::GetJobRequest ended;
   ended.set_name(job->name());
   const auto evaluated = environment.server_client().GetJob(ended, environment.call_options());
   if (!evaluated.ok()) return environment.Fail(evaluated.status());
   if (!evaluated->has_evaluation()) {  // left before its end
-    environment.err << "when it has ended, draw them with: maneuver job show "
-                    << ShortName(job->name()) << " --figures " << *arguments.figures << "\n";
-    return kOk;
+    return SayHowToDraw(*job, arguments, environment);
   }
   return DrawFigures(evaluated->evaluation(), *arguments.figures, environment);
 }
@@ -90,6 +95,8 @@ void AddEvaluate(Command& root, Environment& environment) {
   command.Option(
       "--figures", &arguments->figures,
       "Folder to draw into: actions, their means over trajectories, scenes, reliability");
+  command.Option("--priority", &arguments->priority, -100, 100,
+                 "Jobs with a higher priority run first [0]");
   command.Flag("--detach", &arguments->detach, "Start the job and return");
   command.Flag("--validate-only", &arguments->validate_only,
                "Check the request, say how much memory the job will take, start nothing");

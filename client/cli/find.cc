@@ -24,6 +24,7 @@
 #include "client/cli/commands.h"
 #include "client/cli/found_scenes.h"
 #include "client/cli/found_shares.h"
+#include "client/cli/interrupt.h"
 #include "client/cli/json_files.h"
 #include "client/cli/table.h"
 #include "client/cli/text_format.h"
@@ -43,7 +44,9 @@ using tags::Column;
 
 constexpr int kMostPanels = 16;
 constexpr int64_t kMostMatches = 1'000'000;
-constexpr int64_t kCandidates = 20;  // for each scene of a dataset without near-duplicates
+constexpr int64_t kMatchesShown = 20;  // without --limit
+constexpr double kWithin = 3.0;        // seconds, without --within
+constexpr int64_t kCandidates = 20;    // for each scene of a dataset without near-duplicates
 
 struct FindArguments {
   std::vector<std::string> folders;
@@ -57,13 +60,13 @@ struct FindArguments {
   std::vector<std::string> followed_by;
   std::vector<std::string> meanwhile;
   std::vector<std::string> answered_by;
-  double within = 3.0;
+  std::optional<double> within;
   std::optional<double> distance;
   std::string side = "any";
   std::string by;
   std::string per;
   std::vector<std::string> against;
-  int64_t limit = 20;
+  std::optional<int64_t> limit;
   bool distinct = false;
   std::vector<std::string> datasets;
   std::optional<std::string> plot;
@@ -106,8 +109,12 @@ absl::Status AddSpeed(const std::string& text, tags::TagQuery* query) {
 absl::Status AddSurprise(const std::string& text, FindArguments* arguments, tags::TagQuery* query) {
   query->most_surprising = true;
   if (absl::StartsWith(text, "top:")) {
-    const bool readable = absl::SimpleAtoi(text.substr(4), &arguments->limit) &&
-                          arguments->limit > 0 && arguments->limit <= kMostMatches;
+    if (arguments->limit) {
+      return absl::InvalidArgumentError("--limit and --surprise top:N: give one of them");
+    }
+    int64_t& limit = arguments->limit.emplace();
+    const bool readable =
+        absl::SimpleAtoi(text.substr(4), &limit) && limit > 0 && limit <= kMostMatches;
     return readable ? absl::OkStatus() : Unreadable("--surprise", text, "top:50");
   }
   double least = 0.0;
@@ -119,6 +126,9 @@ absl::Status AddSurprise(const std::string& text, FindArguments* arguments, tags
 
 absl::Status AddOther(const FindArguments& arguments, tags::TagQuery* query) {
   const bool then = !arguments.answered_by.empty();
+  if (arguments.within && !then && arguments.followed_by.empty()) {
+    return absl::InvalidArgumentError("--within needs --followed-by or --answered-by");
+  }
   if (then && !arguments.meanwhile.empty()) {
     return absl::InvalidArgumentError("--with and --answered-by: give one of them");
   }
@@ -129,7 +139,7 @@ absl::Status AddOther(const FindArguments& arguments, tags::TagQuery* query) {
   tags::OtherTarget& other = query->other.emplace();
   other.actions = then ? arguments.answered_by : arguments.meanwhile;
   other.when = then ? tags::OtherTarget::When::kThen : tags::OtherTarget::When::kMeanwhile;
-  other.within = arguments.within;
+  other.within = arguments.within.value_or(kWithin);
   other.distance = arguments.distance.value_or(HUGE_VAL);
   other.side = arguments.side == "ahead"    ? tags::OtherTarget::Side::kAhead
                : arguments.side == "behind" ? tags::OtherTarget::Side::kBehind
@@ -175,7 +185,8 @@ absl::StatusOr<tags::TagQuery> ReadQuery(FindArguments* arguments) {
     query.near = tags::NearPlace{(*numbers)[0], (*numbers)[1], (*numbers)[2]};
   }
   if (!arguments->followed_by.empty()) {
-    query.followed_by = tags::FollowedBy{arguments->followed_by, arguments->within};
+    query.followed_by =
+        tags::FollowedBy{arguments->followed_by, arguments->within.value_or(kWithin)};
   }
   for (const auto& [name, grouping] : kGroupings) {
     if (arguments->by == name) query.grouping = grouping;
@@ -194,7 +205,8 @@ absl::StatusOr<tags::TagQuery> ReadQuery(FindArguments* arguments) {
         "--by counts all rows: give it no --distinct, --as-dataset or --surprise top:N");
   }
   query.errors = !arguments->against.empty() || (counts && arguments->plot);
-  query.limit = static_cast<size_t>(arguments->limit * (arguments->distinct ? kCandidates : 1));
+  query.limit = static_cast<size_t>(arguments->limit.value_or(kMatchesShown) *
+                                    (arguments->distinct ? kCandidates : 1));
   return query;
 }
 
@@ -218,9 +230,10 @@ class Finding {
       environment_.PrintJson(Json());
     } else {
       environment_.out << (arguments_.by.empty() ? MatchesText() : CountsText());
-      environment_.err << found_.all.rows << " rows, " << found_.all.windows << " windows";
+      environment_.err << HowMany(found_.all.rows, "row") << ", "
+                       << HowMany(found_.all.windows, "window");
       if (arguments_.by.empty() && static_cast<int64_t>(matches_.size()) < found_.all.rows) {
-        environment_.err << "; " << matches_.size() << " are shown";
+        environment_.err << "; " << matches_.size() << " shown";
       }
       environment_.err << "\n";
     }
@@ -487,18 +500,20 @@ class Finding {
           WriteFile((fs::path(arguments_.extract) / name).string(), ToCompactJson(*scene));
       if (!status.ok()) return status;
     }
-    environment_.err << number << " scenes are in " << arguments_.extract << "\n";
+    environment_.err << arguments_.extract << " has " << HowMany(number, "scene") << "\n";
     return absl::OkStatus();
   }
 
   absl::Status WriteDataset() {
     if (matches_.empty()) return absl::NotFoundError("there is no match to make a dataset of");
+    const Interrupt interrupt([] {});  // before the folder, so that Ctrl-C leaves nothing of it
     auto writer = data::DatasetWriter::Create(arguments_.as_dataset, "found by maneuver find");
     if (!writer.ok()) return writer.status();
     std::set<std::pair<std::string, std::string>> added;  // dataset and id
     std::set<std::string> names;
     std::map<std::string, int> times_seen;
     for (const tags::Match& match : matches_) {
+      if (interrupt.happened()) return absl::CancelledError("interrupted");
       const tags::TaggedShard& shard = ShardOf(match);
       if (!added.emplace(shard.file.dataset(), shard.Scene(match.row)).second) continue;
       absl::StatusOr<v1::Scenario> recording = scenes_.Recording(match);
@@ -511,7 +526,8 @@ class Finding {
     }
     const absl::StatusOr<v1::Dataset> dataset = (*writer)->Commit();
     if (!dataset.ok()) return dataset.status();
-    environment_.err << arguments_.as_dataset << ": " << dataset->recordings() << " recordings\n";
+    environment_.err << arguments_.as_dataset << ": " << HowMany(dataset->recordings(), "recording")
+                     << "\n";
     return absl::OkStatus();
   }
 
@@ -535,8 +551,8 @@ absl::StatusOr<Answered> Ask(const std::vector<std::string>& folders, const tags
   absl::StatusOr<tags::TagSet> set = tags::TagSet::Open({folders.begin(), folders.end()});
   if (!set.ok()) return set.status();
   if (set->missing > 0) {
-    environment.err << set->missing
-                    << " shards have no tags yet; run maneuver tag again to continue\n";
+    environment.err << HowMany(set->missing, "shard")
+                    << " without tags yet; run maneuver tag again to continue\n";
   }
   absl::StatusOr<tags::Found> found = tags::Find(*set, query);
   if (!found.ok()) return found.status();
@@ -563,8 +579,9 @@ int Find(FindArguments arguments, Environment& environment) {
   if (compares) against = Ask(arguments.against, *query, environment);
   if (!against.ok()) return fail(against.status());
   std::vector<tags::Match> matches =
-      arguments.distinct ? tags::WithoutNearDuplicates(answer->set, answer->found.matches,
-                                                       static_cast<size_t>(arguments.limit))
+      arguments.distinct ? tags::WithoutNearDuplicates(
+                               answer->set, answer->found.matches,
+                               static_cast<size_t>(arguments.limit.value_or(kMatchesShown)))
                          : answer->found.matches;
   return Finding(arguments, answer->set, answer->found, compares ? &against->found : nullptr,
                  std::move(matches), query->most_surprising, environment)
@@ -605,7 +622,8 @@ void AddFind(Command& root, Environment& environment) {
                          "Another target of the recording does this at the same time");
   command.OptionPerValue("--answered-by", &arguments->answered_by,
                          "Another target begins this afterwards, at most --within after the end");
-  command.Option("--within", &arguments->within, 0.0, 1e6, "Seconds");
+  command.Option("--within", &arguments->within, 0.0, 1e6,
+                 "Seconds, for --followed-by and --answered-by [3]");
   command.Option("--distance", &arguments->distance, 0.0, 1e6,
                  "The other target is at most this far away, metres");
   command.Choice("--side", &arguments->side, {"any", "ahead", "behind"},
@@ -618,7 +636,7 @@ void AddFind(Command& root, Environment& environment) {
                  "Count each part of the rows apart; shares are of the part's windows");
   command.Option("--against", &arguments->against,
                  "Compare the shares with those in other folders of tags");
-  command.Option("--limit", &arguments->limit, 0, kMostMatches, "Most matches to show");
+  command.Option("--limit", &arguments->limit, 0, kMostMatches, "Most matches to show [20]");
   command.Flag("--distinct", &arguments->distinct,
                "Leave out near-duplicates: same actions, place, heading, speed and latent");
   command.Option("--dataset", &arguments->datasets,

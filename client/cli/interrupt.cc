@@ -20,6 +20,8 @@ void OnSignal(int) {
 }  // namespace
 
 Interrupt::Interrupt(std::function<void()> on_interrupt) {
+  struct sigaction before = {};
+  if (sigaction(SIGINT, nullptr, &before) == 0 && before.sa_handler == SIG_IGN) return;
   if (pipe2(pipe_, O_CLOEXEC) != 0) return;  // then SIGINT ends the program as usual
   waiter_ = std::thread([this, on_interrupt = std::move(on_interrupt)] {
     char what = 0;

@@ -10,7 +10,8 @@
 namespace maneuver::cli {
 
 // While it lives, the first SIGINT calls `on_interrupt` on its own thread, where locks may be
-// taken. The second SIGINT ends the program as usual. Only one may exist at a time.
+// taken. The second SIGINT ends the program as usual. Only one may exist at a time. Does nothing
+// where SIGINT is ignored, as by a shell for what a script starts with &.
 class Interrupt {
  public:
   explicit Interrupt(std::function<void()> on_interrupt);

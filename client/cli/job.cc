@@ -101,7 +101,7 @@ int ListJobs(const ListArguments& arguments, Environment& environment) {
     if (ListedState(job) == kDamaged) {
       table.Add(
           {job.name().empty() ? "?" : ShortName(job.name()), "-", "-", kDamaged, "-", "-", "-"});
-      environment.err << "damaged: " << job.error().message() << "\n";
+      environment.err << "damaged: " << Printable(job.error().message()) << "\n";
       continue;
     }
     table.Add({ShortName(job.name()), Kind(job), Subject(job), StateName(job.state()),

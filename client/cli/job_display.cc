@@ -159,9 +159,9 @@ std::string HeldOutText(const v1::ModelManifest& manifest, bool color) {
 }
 
 std::string TagsText(const v1::Tags& tags) {
-  return absl::StrCat(tags.name(), ": ", tags.window_count(), " windows in ", tags.rows(),
-                      " rows, ", tags.shards(), " of ", tags.all_shards(), " shards, ",
-                      Bytes(tags.size_bytes()));
+  return absl::StrCat(tags.name(), ": ", HowMany(tags.window_count(), "window"), " in ",
+                      HowMany(tags.rows(), "row"), ", ", tags.shards(), " of ", tags.all_shards(),
+                      " shards, ", Bytes(tags.size_bytes()));
 }
 
 std::string PromotionText(const v1::Job& job, bool color) {
@@ -250,7 +250,7 @@ int PrintOutcome(const v1::Job& job, Environment& environment) {
 int ShowStarted(const v1::Job& job, const std::string& doing, bool detach,
                 Environment& environment) {
   if (job.state() == v1::JOB_STATE_PENDING && job.has_error()) {
-    environment.err << job.name() << " waits: " << job.error().message() << "\n";
+    environment.err << job.name() << " waits: " << Printable(job.error().message()) << "\n";
   }
   if (!detach) {
     environment.err << job.name() << " " << doing << "; Ctrl-C stops watching\n";

@@ -64,6 +64,9 @@ absl::StatusOr<std::string> ReadAll(std::istream& stream, const std::string& nam
   // std::cin takes a failure for the end; the C library's stream behind it does not.
   const bool failed = stream.bad() || (&stream == &std::cin && std::ferror(stdin) != 0);
   if (failed) return CannotRead(name, errno);
+  // Some editors begin a file with this mark.
+  constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";
+  if (text.starts_with(kByteOrderMark)) text.erase(0, kByteOrderMark.size());
   return text;
 }
 
@@ -82,12 +85,7 @@ absl::StatusOr<std::string> ReadText(const std::string& path, Environment& envir
 
 absl::Status ParseJson(const std::string& text, const std::string& path,
                        google::protobuf::Message* message) {
-  // Some editors begin a file with this mark.
-  constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";
-  std::string_view json = text;
-  if (json.starts_with(kByteOrderMark)) json.remove_prefix(kByteOrderMark.size());
-  const auto status =
-      google::protobuf::util::JsonStringToMessage({json.data(), json.size()}, message);
+  const auto status = google::protobuf::util::JsonStringToMessage(text, message);
   if (status.ok()) return absl::OkStatus();
   std::string_view why(status.message().data(), status.message().size());
   if (why.starts_with(": ")) why.remove_prefix(2);

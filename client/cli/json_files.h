@@ -13,7 +13,7 @@
 
 namespace maneuver::cli {
 
-// Reads all of a file, or of standard input if `path` is "-". NOT_FOUND if it cannot be read,
+// Reads all of a file, or of standard input if `path` is "-", without a byte order mark. NOT_FOUND if it cannot be read,
 // INVALID_ARGUMENT if it has more than 1 GiB.
 absl::StatusOr<std::string> ReadText(const std::string& path, Environment& environment);
 

@@ -25,6 +25,8 @@
 namespace maneuver::cli {
 namespace {
 
+constexpr int64_t kCallers = 32;  // without --concurrency
+
 struct LoadArguments {
   std::vector<std::string> files;
   std::string dataset;
@@ -40,7 +42,7 @@ struct LoadArguments {
 
   std::optional<double> rate;
   std::string arrival = "poisson";
-  int64_t concurrency = 32;
+  std::optional<int64_t> concurrency;
   std::string rates;
   std::optional<std::string> deadline;
   double warm_up = 2.0;
@@ -103,6 +105,10 @@ load::ArrivalProcess Arrival(const LoadArguments& arguments) {
                                          : load::ArrivalProcess::kPoisson;
 }
 
+bool MeasuresCapacity(const std::vector<SweepRate>& rates) {
+  return std::ranges::any_of(rates, &SweepRate::of_capacity);
+}
+
 // Runs steps one after another and reports what there is, also when it is interrupted.
 class LoadCommand {
  public:
@@ -117,6 +123,10 @@ class LoadCommand {
       auto parsed = ParseRates(arguments_.rates);
       if (!parsed.ok()) return Refuse(parsed.status());
       rates = *std::move(parsed);
+    }
+    if (!rates.empty() && arguments_.concurrency && !MeasuresCapacity(rates)) {
+      return environment_.Refuse(
+          "--concurrency: no rate of --rates is a share of what callers get");
     }
     const absl::Status prepared = Prepare();
     if (absl::IsInvalidArgument(prepared) || absl::IsNotFound(prepared)) return Refuse(prepared);
@@ -140,7 +150,7 @@ class LoadCommand {
   }
 
   absl::Status Prepare() {
-    const auto targets = ParseRange("--targets", arguments_.targets, 1, 10'000);
+    const auto targets = ParseWholeRange("--targets", arguments_.targets, 1, 10'000);
     if (!targets.ok()) return targets.status();
     load::RequestMix mix;
     mix.least_targets = static_cast<int>(targets->least);
@@ -216,15 +226,14 @@ class LoadCommand {
 
   absl::Status RunSteps(const load::LoadPlan& common, const std::vector<SweepRate>& rates) {
     load::LoadPlan plan = common;
-    const load::ClosedLoop callers{static_cast<int>(arguments_.concurrency)};
-    const std::string callers_name = absl::StrCat(callers.callers, " callers");
+    const load::ClosedLoop callers{static_cast<int>(arguments_.concurrency.value_or(kCallers))};
+    const std::string callers_name = HowMany(callers.callers, "caller");
     if (arguments_.rate) {
       plan.loop = load::OpenLoop{*arguments_.rate, Arrival(arguments_)};
       return RunStep(absl::StrCat(*arguments_.rate, "/s"), plan);
     }
     plan.loop = callers;
-    const bool measure_capacity =
-        std::any_of(rates.begin(), rates.end(), [](const SweepRate& r) { return r.of_capacity; });
+    const bool measure_capacity = MeasuresCapacity(rates);
     if (rates.empty() || measure_capacity) {
       // A deadline is for those who come at their rate: what the server can do has none.
       if (measure_capacity) plan.deadline.reset();
@@ -237,7 +246,7 @@ class LoadCommand {
       }
       report_.capacity = report_.steps.back().tally.AnsweredRate();
       if (!(*report_.capacity > 0.0)) {
-        return absl::DeadlineExceededError(
+        return absl::FailedPreconditionError(
             "no call was answered in time, so the capacity is unknown; set a longer --duration");
       }
       plan.deadline = common.deadline;
@@ -288,14 +297,16 @@ class LoadCommand {
     int exit_code = kOk;
     if (!status.ok()) exit_code = environment_.Fail(status);
     for (const LoadStep& step : report_.steps) {
-      if (step.tally.failure.ok()) continue;
-      environment_.errors << "maneuver: " << step.name << ": "
-                          << environment_.Explain(step.tally.failure) << "\n";
+      const absl::Status& failure = step.tally.failure;
+      if (failure.ok()) continue;
+      environment_.PrintError(absl::StatusCodeToString(failure.code()),
+                              client::ErrorDetailsOf(failure).reason,
+                              absl::StrCat(step.name, ": ", environment_.Explain(failure)));
       exit_code = kFailed;
     }
     if (report_.interrupted) {
-      environment_.errors << "maneuver: interrupted; the figures cover the time until then\n";
-      exit_code = kFailed;
+      exit_code = environment_.Fail(
+          absl::CancelledError("interrupted; the figures cover the time until then"));
     }
     if (!arguments_.json.empty()) {
       const absl::Status written = WriteFile(arguments_.json, json);
@@ -350,6 +361,7 @@ void AddLoad(Command& root, Environment& environment) {
                  "Ask about scenes of this folder, or of datasets/NAME on the server");
   command.Option("--scenes", &arguments->scenes, 1, 100'000,
                  "Number of scenes of the dataset or the town");
+  for (const char* option : {"--dataset", "--scenes"}) command.Exclude(option, "FILE");
   command.Option(
       "--model", &arguments->model,
       "town (the version that serves), town/2 or town@candidate [the only one that serves]");
@@ -372,8 +384,9 @@ void AddLoad(Command& root, Environment& environment) {
   command.Option("--rate", &arguments->rate, 1e-3, 1e6, "Calls a second");
   command.Choice("--arrival", &arguments->arrival, {"poisson", "constant"},
                  "Random times, as of many callers, or evenly spaced");
-  command.Option("--concurrency", &arguments->concurrency, 1, 100'000,
-                 "Callers who each wait for an answer before they ask again");
+  command.Option(
+      "--concurrency", &arguments->concurrency, 1, 100'000,
+      absl::StrCat("Callers who each wait for an answer before they ask again [", kCallers, "]"));
   command.Option("--rates", &arguments->rates,
                  "Several runs, each at a rate in calls a second, or a share of what --concurrency "
                  "callers get");

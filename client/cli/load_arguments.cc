@@ -4,6 +4,7 @@
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
 
@@ -24,8 +25,19 @@ absl::StatusOr<NumberRange> ParseRange(const std::string& flag, const std::strin
       least <= range.least && range.least <= range.most && range.most <= most) {
     return range;
   }
-  return absl::InvalidArgumentError(absl::StrCat(
-      flag, " ", text, ": give a number or a range such as 1-5, from ", least, " to ", most));
+  return absl::InvalidArgumentError(absl::StrFormat(
+      "%s %s: give a number or a range such as 1-5, from %.10g to %.10g", flag, text, least, most));
+}
+
+absl::StatusOr<NumberRange> ParseWholeRange(const std::string& flag, const std::string& text,
+                                            int least, int most) {
+  const auto range = ParseRange(flag, text, least, most);
+  if (!range.ok()) return range;
+  if (range->least == std::floor(range->least) && range->most == std::floor(range->most)) {
+    return range;
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat(flag, " ", text, ": give whole numbers, such as 3 or 1-5"));
 }
 
 absl::StatusOr<std::vector<SweepRate>> ParseRates(const std::string& text) {

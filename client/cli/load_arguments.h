@@ -20,6 +20,10 @@ struct NumberRange {
 absl::StatusOr<NumberRange> ParseRange(const std::string& flag, const std::string& text,
                                        double least, double most);
 
+// Does the same as ParseRange for whole numbers.
+absl::StatusOr<NumberRange> ParseWholeRange(const std::string& flag, const std::string& text,
+                                            int least, int most);
+
 // One step of a sweep: calls per second, or a share of the server's capacity.
 struct SweepRate {
   double value = 0.0;  // > 0; 0.25 is 25 %

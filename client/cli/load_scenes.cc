@@ -24,15 +24,13 @@ void ChooseTargets(int most, v1::Scenario* scene) {
 
 absl::StatusOr<std::vector<v1::Scenario>> FromDataset(const LoadScenes& wanted,
                                                       Environment& environment) {
-  const auto list = ListScenarios(wanted.source, wanted.most, environment);
-  if (!list.ok()) return list.status();
   std::vector<v1::Scenario> scenes;
-  for (const v1::ScenarioSummary& summary : list->scenarios()) {
-    auto scene = GetScenario(wanted.source, summary.scenario_id(), environment);
-    if (!scene.ok()) return scene.status();
-    ChooseTargets(wanted.most_targets, &*scene);
-    if (!scene->target_ids().empty()) scenes.push_back(*std::move(scene));
-  }
+  const absl::Status status =
+      VisitScenarios(wanted.source, wanted.most, environment, [&](v1::Scenario&& scene) {
+        ChooseTargets(wanted.most_targets, &scene);
+        if (!scene.target_ids().empty()) scenes.push_back(std::move(scene));
+      });
+  if (!status.ok()) return status;
   if (scenes.empty()) {
     return absl::NotFoundError(
         absl::StrCat("no scene of ", wanted.source, " has a vehicle to ask about"));

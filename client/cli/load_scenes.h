@@ -22,7 +22,7 @@ struct LoadScenes {
 };
 
 // Returns scenes with at least one target each. NOT_FOUND if there is none; other errors: those of
-// ReadScenarios for files, of ListScenarios and GetScenario (scenario_source.h) for a dataset.
+// ReadScenarios for files, of VisitScenarios (scenario_source.h) for a dataset.
 absl::StatusOr<std::vector<v1::Scenario>> ReadLoadScenes(const LoadScenes& wanted,
                                                          Environment& environment);
 

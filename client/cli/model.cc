@@ -83,7 +83,7 @@ int ListModels(const std::string& model, Environment& environment) {
     }
     table.Add({ShortName(version.name()), absl::StrJoin(version.aliases(), " "),
                Moment(version.create_time()), absl::StrCat(manifest.spec().actions()),
-               Spell(Horizon(manifest.spec())), Metric(manifest, "ade_1"),
+               ExactSeconds(Horizon(manifest.spec())), Metric(manifest, "ade_1"),
                Metric(manifest, "min_ade_6"), absl::StrJoin(datasets, " ")});
   }
   if (table.empty()) {
@@ -161,8 +161,8 @@ int ShowModel(const std::string& name, Environment& environment) {
   table.Add({"created", Moment(version->create_time())});
   table.Add({"actions", absl::StrCat(spec.actions(), ", ", effective, " effective")});
   table.Add({"latent dimensions", absl::StrCat(spec.latent_dimensions())});
-  table.Add({"horizon", absl::StrCat(Spell(Horizon(spec)), " in ", spec.trajectory().waypoints(),
-                                     " waypoints")});
+  table.Add({"horizon", absl::StrCat(ExactSeconds(Horizon(spec)), " in ",
+                                     spec.trajectory().waypoints(), " waypoints")});
   AddSpecRows(spec, version->cost(), &table);
   table.Add({"datasets", absl::StrJoin(manifest.provenance().datasets(), " ")});
   if (!manifest.provenance().start_from().empty()) {

@@ -41,7 +41,7 @@ int Export(const ExportArguments& arguments, Environment& environment) {
     (*written.mutable_fields())["sizeBytes"].set_number_value(static_cast<double>(file.size()));
     environment.PrintJson(written);
   } else {
-    environment.err << arguments.onnx << ": " << Bytes(static_cast<int64_t>(file.size())) << "\n";
+    environment.out << arguments.onnx << ": " << Bytes(static_cast<int64_t>(file.size())) << "\n";
   }
   return kOk;
 }

@@ -12,21 +12,12 @@
 namespace maneuver::cli {
 namespace {
 
-// Prints the error, and how to go on.
-int FailTransfer(const absl::Status& error, bool has_begun, Environment& environment) {
-  const int status = environment.Fail(error);
-  if (has_begun && (absl::IsUnavailable(error) || absl::IsDeadlineExceeded(error))) {
-    environment.err << "what has arrived is kept; run the same command again to continue\n";
-  }
-  return status;
-}
-
 int Pull(const std::string& model, const std::string& folder, Environment& environment) {
   TransferLine line(environment);
   const auto version = environment.server_client().DownloadModelVersion(
       ModelResource(model), folder, line.callback(), environment.call_options());
   line.Clear();
-  if (!version.ok()) return FailTransfer(version.status(), line.has_begun(), environment);
+  if (!version.ok()) return line.Fail(version.status());
   if (environment.json()) {
     google::protobuf::Struct written;
     (*written.mutable_fields())["modelVersion"].set_string_value(*version);
@@ -49,7 +40,7 @@ int Push(const std::string& folder, const std::string& model, Environment& envir
   const auto version = environment.server_client().UploadModelVersion(
       folder, parent, line.callback(), environment.call_options());
   line.Clear();
-  if (!version.ok()) return FailTransfer(version.status(), line.has_begun(), environment);
+  if (!version.ok()) return line.Fail(version.status());
   if (environment.json()) {
     environment.PrintJson(*version);
     return kOk;

@@ -117,7 +117,11 @@ class OutcomesCommand {
       const absl::Status status = SetExampleField(assignment, settings.mutable_examples());
       if (!status.ok()) return environment_.Refuse(std::string(status.message()));
     }
-    examples_ = artifact::ResolveTrainingSettings(settings).examples();
+    settings = artifact::ResolveTrainingSettings(settings);
+    if (const auto wrong = artifact::ValidateTrainingSettings(settings); !wrong.empty()) {
+      return environment_.Refuse(absl::StrCat(wrong.front().field, " ", wrong.front().description));
+    }
+    examples_ = settings.examples();
     v1::GetModelVersionRequest wanted;
     wanted.set_name(ModelResource(arguments_.model));
     auto version =
@@ -151,7 +155,8 @@ class OutcomesCommand {
   // Reports each recording of a dataset folder, of a dataset on the server, or in a file.
   absl::Status ReportSource(const std::string& source) {
     std::error_code error;
-    if (fs::is_directory(source, error)) {
+    const bool is_here = !IsOnServer(source) && fs::exists(source, error);
+    if (is_here && fs::is_directory(source, error)) {
       const auto manifest = data::LoadDatasetManifest(source);
       if (!manifest.ok()) return manifest.status();
       absl::Status status;
@@ -164,7 +169,7 @@ class OutcomesCommand {
           });
       return read.ok() ? status : read;
     }
-    if (fs::exists(source, error) || source == "-") {
+    if (is_here || source == "-") {
       v1::Scenario recording;
       if (absl::Status status = ReadJson(source, environment_, &recording); !status.ok()) {
         return status;
@@ -386,8 +391,9 @@ int Collect(const CollectArguments& arguments, Environment& environment) {
   if (environment.json()) {
     environment.PrintJson(*response);
   } else {
-    environment.out << response->dataset().name() << ": " << response->dataset().recordings()
-                    << " recordings, " << response->surprising_recordings()
+    environment.out << response->dataset().name() << ": "
+                    << HowMany(response->dataset().recordings(), "recording") << ", "
+                    << response->surprising_recordings()
                     << " of them the most surprising outcomes, " << response->sampled_recordings()
                     << " a sample of the others\n";
   }

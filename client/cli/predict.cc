@@ -142,7 +142,7 @@ std::string EndOf(const v1::ActionDistribution& action) {
 }
 
 std::string EndTitle(double horizon, const std::string& frame) {
-  return absl::StrCat("AFTER ", Fixed(horizon, 1), " s (", frame, ")");
+  return absl::StrCat("AFTER ", ExactSeconds(horizon), " (", frame, ")");
 }
 
 // Actions that cover the mixture, the medoid first, with the probability that each stands for.
@@ -170,7 +170,7 @@ void PrintRepresentatives(const Predictions& predictions, double horizon, const 
       }
     }
   }
-  environment.out << table.Text(environment.color);
+  if (!table.empty()) environment.out << "\n" << table.Text(environment.color);
 }
 
 // A share that may be far below a thousandth.
@@ -203,7 +203,7 @@ void PrintJoint(const Predictions& predictions, const ActionTitles& titles,
       }
     }
   }
-  environment.out << table.Text(environment.color);
+  if (!table.empty()) environment.out << "\n" << table.Text(environment.color);
 }
 
 // Says where there are no combinations, or fewer than there may be.
@@ -212,11 +212,11 @@ void ReportJoint(const Predictions& predictions, Environment& environment) {
     if (!prediction.has_joint()) continue;
     const v1::JointPrediction& joint = prediction.joint();
     if (joint.truncated()) {
-      environment.err << prediction.scenario_id()
+      environment.err << Printable(prediction.scenario_id())
                       << ": the search for combinations ended at its bound, with "
                       << joint.combinations_size() << " of them; ask for fewer targets at once\n";
     } else if (joint.combinations().empty()) {
-      environment.err << prediction.scenario_id()
+      environment.err << Printable(prediction.scenario_id())
                       << ": two targets would collide in every combination of actions\n";
     }
   }
@@ -348,14 +348,10 @@ int Finish(const PredictArguments& arguments, const std::vector<v1::Scenario>& s
     PrintDistributions(answer.predictions(), horizon, arguments.frame, answer.action_names(),
                        environment);
     if (arguments.representatives) {
-      environment.out << "\n";
       PrintRepresentatives(answer.predictions(), horizon, arguments.frame, answer.action_names(),
                            environment);
     }
-    if (arguments.joint) {
-      environment.out << "\n";
-      PrintJoint(answer.predictions(), answer.action_names(), environment);
-    }
+    if (arguments.joint) PrintJoint(answer.predictions(), answer.action_names(), environment);
   }
   ReportJoint(answer.predictions(), environment);
   bool all_well = ReportItems(answer.predictions(), environment);

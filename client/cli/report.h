@@ -25,8 +25,8 @@ struct ReportFiles {
 // Adds --curves and --tensorboard.
 void AddCurveOptions(Command& command, ReportFiles* files);
 
-// Checks that the files can be created, before anything is computed. FAILED_PRECONDITION names the
-// path and the reason.
+// Checks that the files can be created, and creates the folder of `tensorboard`, before anything is
+// computed. FAILED_PRECONDITION names the path and the reason.
 absl::Status PrepareReport(const ReportFiles& files);
 
 // Writes the requested files about what the job trained or measured. Returns an ExitCode.

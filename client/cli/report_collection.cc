@@ -6,6 +6,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/time/clock.h"
 #include "absl/time/time.h"
+#include "client/cli/action_gallery.h"
 #include "client/cli/job_display.h"
 #include "client/cli/model_compare.h"
 #include "client/cli/report_scenes.h"
@@ -16,7 +17,6 @@
 namespace maneuver::cli {
 namespace {
 
-constexpr double kSpeeds[] = {0.0, 5.0, 10.0, 20.0};  // m/s, that actions are drawn at
 constexpr int kMostOthers = 8;
 
 report::ReportData NewReport(const std::string& title) {
@@ -71,15 +71,9 @@ class VersionCollector {
   }
 
   void AddActions() {
-    v1::GetActionSetRequest request;
-    request.set_name(data_.version->name());
-    for (const double speed : kSpeeds) {
-      request.set_speed(speed);
-      auto set = environment_.server_client().GetActionSet(request, environment_.call_options());
-      if (!set.ok()) return Miss("actions", environment_.Explain(set.status()));
-      data_.action_sets.push_back(*std::move(set));
-      if (!data_.action_sets.back().has_speed()) return;  // the same at every speed
-    }
+    auto sets = ActionSetsOf(data_.version->name(), environment_);
+    if (!sets.ok()) return Miss("actions", environment_.Explain(sets.status()));
+    data_.action_sets = *std::move(sets);
   }
 
   absl::Status AddEvaluation(const std::optional<std::string>& dataset) {

@@ -75,7 +75,7 @@ class SceneCollector {
     if (!ids.ok()) return ids.status();
     absl::Status failure;
     std::vector<report::Scene> candidates;
-    ProgressLine line(environment_.err, environment_.progress_form());
+    ProgressLine line(environment_.errors, environment_.progress_form());
     for (size_t i = 0; i < ids->size(); ++i) {
       line.Show(static_cast<double>(i) / static_cast<double>(ids->size()),
                 absl::StrCat("looks at recording ", i + 1, " of ", ids->size()));

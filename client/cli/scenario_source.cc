@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <system_error>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "client/cli/resource_names.h"
@@ -10,12 +11,6 @@
 
 namespace maneuver::cli {
 namespace {
-
-// "datasets/NAME" is always the server's: a folder of that path here is ./datasets/NAME.
-bool IsOnServer(const std::string& source) {
-  return source.starts_with("datasets/") &&
-         source.find('/', sizeof("datasets/") - 1) == std::string::npos;
-}
 
 absl::Status CheckFolder(const std::string& source) {
   std::error_code error;
@@ -29,6 +24,11 @@ absl::Status CheckFolder(const std::string& source) {
 }
 
 }  // namespace
+
+bool IsOnServer(const std::string& source) {
+  return source.starts_with("datasets/") &&
+         source.find('/', sizeof("datasets/") - 1) == std::string::npos;
+}
 
 v1::ScenarioSummary Summarize(const v1::Scenario& scenario) {
   v1::ScenarioSummary summary;
@@ -96,6 +96,26 @@ absl::StatusOr<v1::Scenario> GetScenario(const std::string& source, const std::s
   request.set_parent(source);
   request.set_scenario_id(scenario_id);
   return environment.server_client().GetScenario(request, environment.call_options());
+}
+
+absl::Status VisitScenarios(const std::string& source, int64_t most, Environment& environment,
+                            const std::function<void(v1::Scenario&&)>& visit) {
+  if (!IsOnServer(source)) {
+    if (absl::Status status = CheckFolder(source); !status.ok()) return status;
+    int64_t left = most;
+    return data::ForEachScenario(source, data::OnDamage::kStop, [&](v1::Scenario&& scenario) {
+      visit(std::move(scenario));
+      return --left > 0;
+    });
+  }
+  const auto list = ListScenarios(source, most, environment);
+  if (!list.ok()) return list.status();
+  for (const v1::ScenarioSummary& summary : list->scenarios()) {
+    auto scenario = GetScenario(source, summary.scenario_id(), environment);
+    if (!scenario.ok()) return scenario.status();
+    visit(*std::move(scenario));
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace maneuver::cli

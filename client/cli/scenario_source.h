@@ -3,6 +3,7 @@
 #ifndef MANEUVER_CLIENT_CLI_SCENARIO_SOURCE_H_
 #define MANEUVER_CLIENT_CLI_SCENARIO_SOURCE_H_
 
+#include <functional>
 #include <string>
 
 #include "absl/status/statusor.h"
@@ -10,6 +11,10 @@
 #include "maneuver/v1/dataset_service.pb.h"
 
 namespace maneuver::cli {
+
+// Returns whether a source is a dataset on the server, datasets/NAME. A folder of that path here is
+// ./datasets/NAME.
+bool IsOnServer(const std::string& source);
 
 // List the recordings of a source, or read one of them. Errors: NOT_FOUND for a folder without
 // dataset.json; those of reading a dataset folder, or of the call.
@@ -19,6 +24,11 @@ absl::StatusOr<v1::ListScenariosResponse> ListScenarios(const std::string& sourc
                                                         Environment& environment);
 absl::StatusOr<v1::Scenario> GetScenario(const std::string& source, const std::string& scenario_id,
                                          Environment& environment);
+
+// Calls `visit` with each of the first `most` recordings, in order. Reads a folder once. Errors:
+// those of ListScenarios and GetScenario.
+absl::Status VisitScenarios(const std::string& source, int64_t most, Environment& environment,
+                            const std::function<void(v1::Scenario&&)>& visit);
 
 // Returns the summary of a recording.
 v1::ScenarioSummary Summarize(const v1::Scenario& scenario);

@@ -95,7 +95,10 @@ int Synthesize(const SynthesizeArguments& arguments, Environment& environment) {
       if (status.ok()) status = (*writer)->Add(maneuver);
     }
     if (status.ok() && interrupt.happened()) status = absl::CancelledError("interrupted");
-    if (!status.ok()) return environment.FailAt(arguments.folder, status);
+    if (!status.ok()) {
+      progress.Clear();
+      return environment.FailAt(arguments.folder, status);
+    }
     ++written;
     progress.Show(static_cast<double>(written) / count,
                   absl::StrCat(written, " of ", count, " recordings"));
@@ -106,9 +109,9 @@ int Synthesize(const SynthesizeArguments& arguments, Environment& environment) {
   if (environment.json()) {
     environment.PrintJson(*dataset);
   } else {
-    environment.out << arguments.folder << ": " << dataset->recordings() << " recordings, "
-                    << Spell(dataset->duration_seconds()) << " of driving in "
-                    << dataset->shards_size() << " files\n";
+    environment.out << arguments.folder << ": " << HowMany(dataset->recordings(), "recording")
+                    << ", " << Spell(dataset->duration_seconds()) << " of driving in "
+                    << HowMany(dataset->shards_size(), "file") << "\n";
   }
   return kOk;
 }

@@ -65,15 +65,21 @@ class ScratchFolder {
   fs::path path_;
 };
 
+// "town" is a model of the server also where a folder of that name, such as its dataset, is here.
+bool IsModelFolder(const std::string& model) {
+  std::error_code error;
+  return model.starts_with('/') || model.starts_with('.') ||
+         fs::exists(fs::path(model) / "model.json", error);
+}
+
 // Loads a model from its folder, or from the server that has it.
 absl::StatusOr<std::shared_ptr<const inference::ActionModel>> LoadModel(
-    const TagArguments& arguments, Environment& environment) {
+    const TagArguments& arguments, client::Cancellation& cancellation, Environment& environment) {
   inference::EngineOptions options;
   options.precision = arguments.precision == "f32"    ? inference::Precision::kF32
                       : arguments.precision == "bf16" ? inference::Precision::kBf16
                                                       : inference::Precision::kAuto;
-  std::error_code error;
-  if (fs::is_directory(arguments.model, error)) {
+  if (IsModelFolder(arguments.model)) {
     return inference::ActionModel::Load(arguments.model, options);
   }
   const ScratchFolder scratch;
@@ -83,8 +89,10 @@ absl::StatusOr<std::shared_ptr<const inference::ActionModel>> LoadModel(
   }
   const std::string folder = (scratch.path() / "model").string();
   TransferLine line(environment);
+  client::CallOptions call = environment.call_options();
+  call.cancellation = &cancellation;
   const auto version = environment.server_client().DownloadModelVersion(
-      ModelResource(arguments.model), folder, line.callback(), environment.call_options());
+      ModelResource(arguments.model), folder, line.callback(), call);
   line.Clear();
   if (!version.ok()) return version.status();
   environment.err << "the model is " << ShortName(*version) << "\n";
@@ -125,9 +133,9 @@ void PrintSummary(const TagArguments& arguments, const tags::TaggingSummary& sum
     environment.PrintJson(printed);
     return;
   }
-  environment.out << arguments.output << ": " << summary.windows << " windows of "
-                  << summary.recordings << " recordings in " << summary.rows << " rows, "
-                  << summary.shards << " shards";
+  environment.out << arguments.output << ": " << HowMany(summary.windows, "window") << " of "
+                  << HowMany(summary.recordings, "recording") << " in "
+                  << HowMany(summary.rows, "row") << ", " << HowMany(summary.shards, "shard");
   if (summary.shards_before > 0) {
     environment.out << "; " << summary.shards_before << " were there";
   }
@@ -140,7 +148,10 @@ void PrintSummary(const TagArguments& arguments, const tags::TaggingSummary& sum
 int Tag(const TagArguments& arguments, Environment& environment) {
   tags::TaggingOptions options;
   if (!ParseShards(arguments.shards, &options)) return RefuseShards(arguments, environment);
-  const auto model = LoadModel(arguments, environment);
+  client::Cancellation cancellation;
+  const Interrupt interrupt([&cancellation] { cancellation.Cancel(); });
+  const auto model = LoadModel(arguments, cancellation, environment);
+  if (interrupt.happened()) return environment.Fail(absl::CancelledError("interrupted"));
   if (!model.ok()) return environment.FailAt(arguments.model, model.status());
   options.datasets.assign(arguments.datasets.begin(), arguments.datasets.end());
   options.output = arguments.output;
@@ -149,7 +160,6 @@ int Tag(const TagArguments& arguments, Environment& environment) {
   options.threads =
       arguments.threads > 0 ? static_cast<int>(arguments.threads) : machine::UsableCores();
   ProgressLine progress(environment.errors, environment.progress_form());
-  const Interrupt interrupt([] {});
   const auto start = std::chrono::steady_clock::now();
   const auto passed = [start] {
     return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

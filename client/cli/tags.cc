@@ -74,7 +74,7 @@ int ShowTags(const std::string& name, Environment& environment) {
   table.Add({"shards", Shards(*tags)});
   table.Add({"rows", absl::StrCat(tags->rows(), tags->windows() ? ", one for each window" : "")});
   table.Add({"windows", absl::StrCat(tags->window_count())});
-  table.Add({"stride", tags->has_stride() ? Spell(ToSeconds(tags->stride()))
+  table.Add({"stride", tags->has_stride() ? ExactSeconds(ToSeconds(tags->stride()))
                                           : std::string("as in the model's training")});
   table.Add({"size", Bytes(tags->size_bytes())});
   environment.out << table.Text(environment.color);
@@ -86,14 +86,7 @@ int PullTags(const std::string& name, const std::string& folder, Environment& en
   const auto pulled = environment.server_client().DownloadTags(
       TagsResource(name), folder, line.callback(), environment.call_options());
   line.Clear();
-  if (!pulled.ok()) {
-    const int status = environment.Fail(pulled.status());
-    if (line.has_begun() &&
-        (absl::IsUnavailable(pulled.status()) || absl::IsDeadlineExceeded(pulled.status()))) {
-      environment.err << "what has arrived is kept; run the same command again to continue\n";
-    }
-    return status;
-  }
+  if (!pulled.ok()) return line.Fail(pulled.status());
   if (environment.json()) {
     google::protobuf::Struct written;
     (*written.mutable_fields())["tags"].set_string_value(*pulled);

@@ -74,7 +74,13 @@ std::string Spell(double seconds) {
   return absl::StrFormat("%d h %02d min", whole / 3600, whole % 3600 / 60);
 }
 
+std::string ExactSeconds(double seconds) { return absl::StrFormat("%g s", seconds); }
+
 std::string Share(double share) { return Fixed(100.0 * share, 1) + " %"; }
+
+std::string HowMany(int64_t count, const std::string& noun) {
+  return absl::StrCat(count, " ", noun, count == 1 ? "" : "s");
+}
 
 std::string Moment(const google::protobuf::Timestamp& time) {
   if (time.seconds() == 0) return "-";
@@ -92,14 +98,6 @@ double ToSeconds(const google::protobuf::Duration& duration) {
 
 double ToSeconds(const google::protobuf::Timestamp& time) {
   return static_cast<double>(time.seconds()) + 1e-9 * time.nanos();
-}
-
-google::protobuf::Duration ToDuration(double seconds) {
-  google::protobuf::Duration duration;
-  const double whole = std::trunc(seconds);
-  duration.set_seconds(static_cast<int64_t>(whole));
-  duration.set_nanos(static_cast<int32_t>(std::llround((seconds - whole) * 1e9)));
-  return duration;
 }
 
 std::string Printable(std::string_view text) { return Escaped(text, /*keep_lines=*/false); }

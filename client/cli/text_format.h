@@ -15,12 +15,13 @@ namespace maneuver::cli {
 std::string Fixed(double value, int digits);  // "0.250"; "-" if it is not finite
 std::string Bytes(int64_t bytes);             // "512 B", "1.5 MB"
 std::string Spell(double seconds);            // "0.4 s", "12 s", "3 min 05 s", "2 h 10 min"
+std::string ExactSeconds(double seconds);     // "0.25 s": of a setting
 std::string Share(double share);              // "12.5 %"
+std::string HowMany(int64_t count, const std::string& noun);  // "1 recording", "3 recordings"
 std::string Moment(
     const google::protobuf::Timestamp& time);  // local "2026-02-03 14:05:06"; "-" if unset
 double ToSeconds(const google::protobuf::Duration& duration);
 double ToSeconds(const google::protobuf::Timestamp& time);  // since 1970
-google::protobuf::Duration ToDuration(double seconds);
 
 // Returns the text with control characters escaped as \x1b or \u009b, so that an id or a label from
 // elsewhere cannot control the terminal. Everything else is unchanged.

@@ -133,7 +133,8 @@ int Train(const TrainArguments& arguments, Environment& environment) {
   request.set_ranks(static_cast<int32_t>(arguments.ranks.value_or(0)));
   request.set_priority(static_cast<int32_t>(arguments.priority.value_or(0)));
   request.set_validate_only(arguments.validate_only);
-  const absl::Status prepared = PrepareReport(arguments.report);
+  const absl::Status prepared =
+      arguments.validate_only ? absl::OkStatus() : PrepareReport(arguments.report);
   if (!prepared.ok()) return environment.Refuse(std::string(prepared.message()));
   const auto job = environment.server_client().Train(request, environment.call_options());
   if (!job.ok()) return environment.Fail(job.status());

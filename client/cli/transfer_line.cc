@@ -34,6 +34,14 @@ client::Client::OnUploaded TransferLine::callback() {
   return [this](const client::UploadProgress& progress) { Show(progress); };
 }
 
+int TransferLine::Fail(const absl::Status& error, const std::string& what_is_kept) {
+  const int status = environment_.Fail(error);
+  if (has_begun_ && (absl::IsUnavailable(error) || absl::IsDeadlineExceeded(error))) {
+    environment_.err << what_is_kept << "; run the same command again to continue\n";
+  }
+  return status;
+}
+
 void TransferLine::Show(const client::UploadProgress& progress) {
   if (!std::exchange(has_begun_, true) && progress.resumed > 0) {
     environment_.err << "resumed: " << Bytes(progress.resumed) << " of " << Bytes(progress.total)

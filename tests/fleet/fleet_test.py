@@ -338,6 +338,9 @@ class FindTest(unittest.TestCase):
                                 (("--surprise", "nan"), "--surprise"), (("--surprise", "top:1000001"), "--surprise"),
                                 (("--extract", "e"), "--dataset"), (("--against", "tags"), "--by"),
                                 (("--per", "hour"), "--by"), (("--side", "ahead"), "--with"),
+                                (("--within", "2"), "--followed-by"),
+                                (("--with", "*", "--within", "2"), "--followed-by"),
+                                (("--surprise", "top:3", "--limit", "5"), "give one of them"),
                                 (("--by", "action", "--distinct"), "give it no --distinct"),
                                 (("--by", "action", "--surprise", "top:3"), "give it no --distinct")):
             self.assertIn(says, run("find", "tags", *arguments, status=2).stderr)

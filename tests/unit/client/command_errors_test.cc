@@ -232,6 +232,8 @@ TEST(CommandErrorsTest, RefusesAZeroThatMeansThePresetsValue) {
 TEST(CommandErrorsTest, AZeroInASettingsFileIsRefusedLikeOneOfAnOption) {
   const TemporaryFolder folder;
   for (const char* settings : {R"({"optimization": {"joint_epochs": 0}})",
+                               "\xef\xbb\xbf"
+                               R"({"optimization": {"joint_epochs": 0}})",
                                R"({"optimization": {"jointEpochs": 0, "batchSize": 32}})",
                                R"({"seed": "7", "optimization": {"joint_epochs": 0.0}})"}) {
     WriteText(folder / "settings.json", settings);
@@ -306,6 +308,13 @@ TEST(CommandErrorsTest, AcceptsAZeroThatTheServerCanTellFromUnset) {
   EXPECT_TRUE(heard.has_mixture_epochs());
   EXPECT_EQ(heard.mixture_epochs(), 0);
   EXPECT_EQ(heard.joint_epochs(), 3);
+}
+
+TEST(CommandErrorsTest, OutcomesAreNotReportedWithInvalidExampleSettings) {
+  const Result result = Maneuver({"--server", kNobody, "outcomes", "report", "yesterday", "--model",
+                                  "town", "--set", "stride=-1s"});
+  EXPECT_EQ(result.status, kUsage);
+  EXPECT_THAT(result.err, HasSubstr("stride"));
 }
 
 TEST(CommandErrorsTest, AJobThatIsNotThereDoesNotContinue) {
@@ -568,6 +577,33 @@ TEST(PrintableTest, TablesAndErrorsContainNoControlCharacters) {
   };
   EXPECT_EQ(Maneuver({"--server", server.address(), "predict", "-"}, kScene).err,
             "maneuver: scene \\x1b]0;owned\\x07\n");
+}
+
+TEST(PrintableTest, MessagesContainNoControlCharacters) {
+  client::TestServer server;
+  bool truncated = false;
+  server.on_predict = [&](auto*, const auto&, v1::PredictResponse* response) {
+    v1::ScenarioPrediction* prediction = response->add_predictions();
+    prediction->set_scenario_id("scene\x1b[2J");
+    prediction->mutable_joint()->set_truncated(truncated);
+    return grpc::Status::OK;
+  };
+  for (const bool each : {false, true}) {
+    truncated = each;
+    EXPECT_THAT(
+        Maneuver({"--server", server.address(), "predict", "-", "--joint", "6"}, kScene).err,
+        HasSubstr("scene\\x1b[2J: "));
+  }
+  server.on_train = [](const v1::TrainRequest&, v1::Job* job) {
+    job->set_name("jobs/3f2a");
+    job->set_state(v1::JOB_STATE_PENDING);
+    job->mutable_error()->set_message("no server has a GPU\x1b[2J");
+    return grpc::Status::OK;
+  };
+  EXPECT_THAT(
+      Maneuver({"--server", server.address(), "train", "town", "--dataset", "town", "--detach"})
+          .err,
+      HasSubstr("no server has a GPU\\x1b[2J\n"));
 }
 
 // A server that shows this certificate, on a free port.

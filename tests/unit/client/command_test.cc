@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <filesystem>
 #include <fstream>
 #include <sstream>
 
@@ -47,6 +48,7 @@ TEST(ModelExportTest, WritesTheNetworksOfAFolder) {
     }
     const Result result = Maneuver(arguments);
     EXPECT_EQ(result.status, kOk) << result.err;
+    EXPECT_THAT(result.out, HasSubstr(file));
     std::stringstream written;
     written << std::ifstream(file, std::ios::binary).rdbuf();
     EXPECT_TRUE(written.str() == onnx::ExportOnnx(*stored, {distributions, distributions ? 0 : 7}));
@@ -205,9 +207,9 @@ TEST(CommandLineTest, PredictShowsTheRequestedRepresentatives) {
   arguments.insert(arguments.end(), {"--representatives", "2"});
   EXPECT_THAT(
       Maneuver(arguments, scene).out,
-      HasSubstr("SCENARIO  TARGET  REPRESENTATIVE  ACTION  NAME   WEIGHT  AFTER 5.0 s (world)\n"
-                "scene          7      1 (medoid)       1  brake  75.0 %         10.0, -2.0 m\n"
-                "                               2       3         25.0 %         30.0, -2.0 m\n"));
+      HasSubstr("SCENARIO  TARGET  REPRESENTATIVE  ACTION  NAME   WEIGHT  AFTER 5 s (world)\n"
+                "scene          7      1 (medoid)       1  brake  75.0 %       10.0, -2.0 m\n"
+                "                               2       3         25.0 %       30.0, -2.0 m\n"));
   EXPECT_EQ(asked, 2);
   arguments.insert(arguments.end(), {"--output", "json"});
   EXPECT_THAT(Maneuver(arguments, scene).out,
@@ -254,8 +256,10 @@ TEST(CommandLineTest, PredictShowsTheCombinationsOfActions) {
               HasSubstr("scene: the search for combinations ended at its bound, with 2 of them"));
   joint.set_truncated(false);
   joint.clear_combinations();
-  EXPECT_THAT(Maneuver(arguments, scene).err,
+  const Result none = Maneuver(arguments, scene);
+  EXPECT_THAT(none.err,
               HasSubstr("scene: two targets would collide in every combination of actions"));
+  EXPECT_THAT(none.out, Not(HasSubstr("COMBINATION")));
 }
 
 TEST(CommandLineTest, PredictSendsRequiredNamesAndSaysWhichAreGone) {
@@ -313,6 +317,46 @@ TEST(CommandLineTest, ADetachedJobIsNamedWithTheCommandThatWatchesIt) {
       Maneuver({"--server", server.address(), "job", "resume", "3f2a", "--detach"});
   EXPECT_EQ(resumed.out, "jobs/3f2a is pending\n");
   EXPECT_EQ(resumed.err, hint);
+}
+
+TEST(CommandLineTest, EvaluateSendsItsPriority) {
+  client::TestServer server;
+  int32_t asked = 0;
+  server.on_evaluate = [&](const v1::EvaluateRequest& request, v1::Job*) {
+    asked = request.priority();
+    return grpc::Status::OK;
+  };
+  EXPECT_EQ(Maneuver({"--server", server.address(), "evaluate", "town", "--dataset", "unseen",
+                      "--priority", "10", "--detach"})
+                .status,
+            kOk);
+  EXPECT_EQ(asked, 10);
+}
+
+TEST(CommandLineTest, ADetachedEvaluationSaysHowToDrawItsFigures) {
+  client::TestServer server;
+  server.on_start_job = [](v1::Job* job) { job->set_name("jobs/3f2a"); };
+  const Result result = Maneuver({"--server", server.address(), "evaluate", "town", "--dataset",
+                                  "unseen", "--figures", "drawn", "--detach"});
+  EXPECT_EQ(result.status, kOk) << result.err;
+  EXPECT_THAT(result.err, HasSubstr("maneuver job show 3f2a --figures drawn\n"));
+}
+
+TEST(CommandLineTest, ValidatingARequestCreatesNoFolder) {
+  const TemporaryFolder folder;
+  const std::string drawn = folder / "drawn";
+  client::TestServer server;
+  server.on_start_job = [](v1::Job*) {};
+  server.on_train = [](const v1::TrainRequest&, v1::Job*) { return grpc::Status::OK; };
+  for (const std::vector<std::string>& command : std::vector<std::vector<std::string>>{
+           {"evaluate", "town", "--dataset", "unseen", "--figures", drawn},
+           {"train", "town", "--dataset", "town", "--tensorboard", drawn}}) {
+    std::vector<std::string> arguments = {"--server", server.address()};
+    arguments.insert(arguments.end(), command.begin(), command.end());
+    arguments.emplace_back("--validate-only");
+    EXPECT_EQ(Maneuver(arguments).status, kOk) << command.front();
+    EXPECT_FALSE(std::filesystem::exists(drawn)) << command.front();
+  }
 }
 
 TEST(CommandLineTest, GlobalOptionsMayFollowTheCommand) {
@@ -416,7 +460,11 @@ TEST(TextFormatTest, FormatsNumbersForPeople) {
   EXPECT_EQ(Spell(7800), "2 h 10 min");
   EXPECT_EQ(Bytes(999), "999 B");
   EXPECT_EQ(Bytes(1'500'000), "1.5 MB");
+  EXPECT_EQ(ExactSeconds(0.25), "0.25 s");
+  EXPECT_EQ(ExactSeconds(30 * 0.1), "3 s");
   EXPECT_EQ(Share(0.1249), "12.5 %");
+  EXPECT_EQ(HowMany(1, "recording"), "1 recording");
+  EXPECT_EQ(HowMany(0, "recording"), "0 recordings");
   EXPECT_EQ(Bar(0.5, 4), "[##--]");
   EXPECT_EQ(Bar(2.0, 4), "[####]");
 }
@@ -427,7 +475,7 @@ TEST(JobDisplayTest, ProgressOmitsWhatIsNotKnown) {
   progress.set_epoch(7);
   progress.set_epochs(10);
   progress.set_fraction(0.8);
-  *progress.mutable_time_left() = ToDuration(65);
+  progress.mutable_time_left()->set_seconds(65);
   v1::EpochReport report;
   (*report.mutable_training())["loss"] = 2.3114;
   report.add_action_usage(1.0);

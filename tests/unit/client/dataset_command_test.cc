@@ -7,6 +7,7 @@
 #include <chrono>
 #include <filesystem>
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -153,7 +154,7 @@ TEST_F(DatasetCommandTest, AFolderThatCannotBeLookedAtIsNoReasonToAbort) {
 
 TEST_F(DatasetCommandTest, IndexesAFolderAndNamesADamagedIndex) {
   ASSERT_EQ(Maneuver({"dataset", "index", town()}), kOk) << err_.str();
-  EXPECT_THAT(out_.str(), HasSubstr("3 recordings are indexed"));
+  EXPECT_THAT(out_.str(), HasSubstr("3 recordings indexed"));
   EXPECT_EQ(err_.str(), "");
   std::ofstream(town() + "/.scenarios-00000.tfrecord.index") << "damage";
   ASSERT_EQ(Maneuver({"dataset", "index", town()}), kOk);
@@ -161,6 +162,14 @@ TEST_F(DatasetCommandTest, IndexesAFolderAndNamesADamagedIndex) {
   ASSERT_EQ(Maneuver({"dataset", "index", town()}), kOk);
   EXPECT_EQ(err_.str(), "");
   EXPECT_EQ(Maneuver({"dataset", "index", town() + "-none"}), kFailed);
+}
+
+TEST_F(DatasetCommandTest, WithJsonOutputAnIndexIsReportedAsJson) {
+  ASSERT_EQ(Maneuver({"--output", "json", "dataset", "index", town()}), kOk) << err_.str();
+  const auto indexed = nlohmann::json::parse(out_.str(), nullptr, /*allow_exceptions=*/false);
+  ASSERT_FALSE(indexed.is_discarded()) << out_.str();
+  EXPECT_EQ(indexed["folder"], town());
+  EXPECT_EQ(indexed["recordings"], 3);
 }
 
 TEST(DescriptionTextTest, BarsAreProportionalToTheirShares) {

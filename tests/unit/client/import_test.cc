@@ -172,6 +172,29 @@ TEST_F(ImportTest, ADamagedRecordStopsTheImportOrIsSkippedAndCounted) {
   EXPECT_THAT(Ids("skipped"), ElementsAre("one", "three"));
 }
 
+TEST_F(ImportTest, AnIdCannotControlTheTerminal) {
+  WriteWaymo("a.tfrecord",
+             {WaymoRecording("\x1b[2J" + std::string(200, 'i')), WaymoRecording("good")});
+  const Result result = Maneuver({"import", "waymo", Path("out"), Path("a.tfrecord")});
+  EXPECT_THAT(result.err, AllOf(HasSubstr("\\x1b[2Jii"), testing::Not(HasSubstr("\x1b"))));
+  EXPECT_THAT(Ids("out"), ElementsAre("good"));
+}
+
+TEST_F(ImportTest, AnErrorReplacesTheProgressLine) {
+  std::vector<std::string> records;
+  for (int i = 0; i < 6; ++i) records.push_back(WaymoRecording("r" + std::to_string(i)));
+  WriteWaymo("a.tfrecord", records);
+  fs::resize_file(folder_ / "a.tfrecord", fs::file_size(folder_ / "a.tfrecord") - 1);
+  std::istringstream in;
+  std::ostringstream out, err;
+  Environment environment(in, out, err);
+  environment.interactive = true;
+  EXPECT_EQ(RunManeuver({"import", "waymo", Path("out"), Path("a.tfrecord"), "--threads", "1"},
+                        environment),
+            kFailed);
+  EXPECT_THAT(err.str(), AllOf(HasSubstr(" recordings, "), HasSubstr("\r\x1b[Kmaneuver: ")));
+}
+
 TEST_F(ImportTest, ImportsCommonRoadFilesByNameAndNamesUnusableOnes) {
   Write("scenes/b.xml", CommonRoadFile("second"));
   Write("scenes/a.xml", CommonRoadFile("first"));
@@ -182,7 +205,7 @@ TEST_F(ImportTest, ImportsCommonRoadFilesByNameAndNamesUnusableOnes) {
   EXPECT_EQ(result.status, kFailed);
   EXPECT_THAT(result.err, AllOf(HasSubstr("d.xml: commonRoadVersion \"2017a\""),
                                 HasSubstr("unusable recordings skipped: 1"),
-                                HasSubstr("1 recordings with an id seen before")));
+                                HasSubstr("1 recording with an id seen before")));
   EXPECT_THAT(result.out, HasSubstr("3 recordings"));
   EXPECT_THAT(Ids("out"), ElementsAre("first", "second", "second#2"));
 

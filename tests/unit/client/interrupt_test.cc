@@ -1,5 +1,7 @@
 // Ctrl-C while a dataset is written: nothing is left of it.
 
+#include "client/cli/interrupt.h"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
@@ -7,6 +9,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <csignal>
 #include <filesystem>
 #include <sstream>
 #include <string>
@@ -15,8 +18,12 @@
 
 #include "client/cli/command.h"
 #include "client/cli/maneuver.h"
+#include "model/artifact/model_folder.h"
 #include "model/data/tfrecord.h"
+#include "tests/unit/client/run_maneuver.h"
+#include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/model/data/wire_format.h"
+#include "tests/unit/model/inference/reference_model.h"
 #include "tests/unit/temporary_folder.h"
 
 namespace maneuver::cli::interrupt_test {
@@ -29,6 +36,7 @@ using testing::IsEmpty;
 // Runs a command that writes a dataset into the folder. Presses Ctrl-C once it has begun to.
 // Returns what it says on standard error.
 std::string Interrupted(const std::vector<std::string>& command, const TemporaryFolder& folder) {
+  std::signal(SIGINT, SIG_DFL);  // whatever the shell has set
   std::atomic<bool> is_over = false;
   std::thread interrupter([&] {
     while (!is_over && folder.Names().empty()) {
@@ -74,6 +82,36 @@ TEST(InterruptTest, LeavesNothingOfAnImport) {
       folder);
   EXPECT_THAT(err, HasSubstr("interrupted"));
   EXPECT_THAT(folder.Names(), IsEmpty());
+}
+
+TEST(InterruptTest, LeavesNothingOfADatasetOfFoundRecordings) {
+  const TemporaryFolder folder;
+  const TemporaryFolder source;
+  ASSERT_TRUE(
+      artifact::WriteModelFolder(source / "model", inference::RandomModel(artifact::TinySpec(), 1))
+          .ok());
+  for (const std::vector<std::string>& command :
+       std::vector<std::vector<std::string>>{{"synthesize", source / "town", "--recordings", "60"},
+                                             {"tag", source / "town", "--model", source / "model",
+                                              "-o", source / "tags", "--stride", "5"}}) {
+    const Result result = Maneuver(command);
+    ASSERT_EQ(result.status, kOk) << result.err;
+  }
+  const std::string err =
+      Interrupted({"find", source / "tags", "--surprise", "top:2000", "--dataset", source / "town",
+                   "--as-dataset", folder / "found"},
+                  folder);
+  EXPECT_THAT(err, HasSubstr("interrupted"));
+  EXPECT_THAT(folder.Names(), IsEmpty());
+}
+
+TEST(InterruptTest, LeavesAnIgnoredSignalIgnored) {
+  std::signal(SIGINT, SIG_IGN);  // as a shell does for what a script starts with &
+  {
+    const Interrupt interrupt([] {});
+    raise(SIGINT);
+  }
+  EXPECT_TRUE(std::signal(SIGINT, SIG_DFL) == SIG_IGN);
 }
 
 }  // namespace

@@ -72,6 +72,7 @@ TEST_F(JobListTest, ShowsADamagedJobAsDamaged) {
   AddSound("jobs/new");
   AddDamaged("jobs/broken");
   AddDamaged("");
+  AddDamaged("jobs/\x1b[2J");
   AddSound("jobs/old");
   const Result table = List({"job", "list"});
   EXPECT_EQ(table.status, kOk) << table.err;
@@ -80,6 +81,7 @@ TEST_F(JobListTest, ShowsADamagedJobAsDamaged) {
       AllOf(ContainsRegex("new +train +town +succeeded"), ContainsRegex("broken +- +- +damaged"),
             ContainsRegex("\\? +- +- +damaged"), ContainsRegex("old +train +town +succeeded")));
   EXPECT_THAT(table.err, HasSubstr("damaged: the job store holds a job that is damaged: jobs/bro"));
+  EXPECT_THAT(table.err, Not(HasSubstr("\x1b")));
 
   const Result json = List({"job", "list", "--output", "json"});
   EXPECT_EQ(json.status, kOk) << json.err;

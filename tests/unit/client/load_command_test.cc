@@ -1,23 +1,30 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <cmath>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <sstream>
+#include <thread>
 
 #include "client/cli/command.h"
 #include "client/cli/load_arguments.h"
 #include "client/cli/load_report.h"
 #include "client/cli/maneuver.h"
 #include "client/cli/table.h"
+#include "model/data/dataset_folder.h"
 #include "tests/unit/client/run_maneuver.h"
 #include "tests/unit/client/test_server.h"
+#include "tests/unit/model/data/recordings_for_tests.h"
+#include "tests/unit/temporary_folder.h"
 
 namespace maneuver::cli::load_command_test {
 namespace {
 
 using std::chrono::milliseconds;
 using std::chrono::seconds;
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
@@ -58,7 +65,9 @@ TEST(LoadCommandTest, ContradictionsAndWrongRangesAreUsageErrors) {
                                              {"load", "--rate", "5", "--concurrency", "3"},
                                              {"load", "--rate", "0"},
                                              {"load", "--rates", "none"},
+                                             {"load", "--rates", "100", "--concurrency", "3"},
                                              {"load", "--targets", "5-1"},
+                                             {"load", "--targets", "1.5"},
                                              {"load", "--deadline", "soon"},
                                              {"load", "--dataset", "/nowhere"},
                                              {"load", "/nowhere/scene.json"}}) {
@@ -70,6 +79,72 @@ TEST(LoadCommandTest, ContradictionsAndWrongRangesAreUsageErrors) {
     EXPECT_EQ(RunManeuver(arguments, environment), kUsage) << testing::PrintToString(arguments);
     EXPECT_EQ(out.str(), "");
   }
+}
+
+TEST(LoadCommandTest, ScenesOfFilesExcludeThoseOfADataset) {
+  for (const std::string option : {"--dataset", "--scenes"}) {
+    const Result result = Maneuver({"load", "scene.json", option, "5"});
+    EXPECT_EQ(result.status, kUsage);
+    EXPECT_THAT(result.err, AllOf(HasSubstr(option), HasSubstr("excludes")));
+  }
+}
+
+TEST(LoadCommandTest, ReadsADatasetFolderWithoutAnIndex) {
+  const TemporaryFolder folder;
+  auto writer = data::DatasetWriter::Create(folder / "town", "a test");
+  for (const char* id : {"r0", "r1"}) {
+    ASSERT_TRUE((*writer)->Add(data::SmallRecording(id)).ok());
+  }
+  ASSERT_TRUE((*writer)->Commit().ok());
+  const std::filesystem::path index = folder / "town/.scenarios-00000.tfrecord.index";
+  ASSERT_TRUE(std::filesystem::remove(index));
+  client::TestServer server;
+  server.on_predict = [](auto*, const auto&, v1::PredictResponse* response) {
+    response->add_predictions()->add_targets();
+    return grpc::Status::OK;
+  };
+  const Result result = Maneuver({"--server", server.address(), "load", "--dataset",
+                                  folder / "town", "--calls", "2", "--warm-up", "0"});
+  EXPECT_EQ(result.status, kOk) << result.err;
+  // Reading recordings by their ids would have written it, once for each of them.
+  EXPECT_FALSE(std::filesystem::exists(index));
+}
+
+// Answers the first call, which finds out whether the server can be asked at all.
+TEST(LoadCommandTest, WithJsonOutputFailuresAreJson) {
+  client::TestServer server;
+  std::atomic<int> calls = 0;
+  server.on_predict = [&](auto*, const auto&, v1::PredictResponse* response) -> grpc::Status {
+    if (calls++ > 0) return {grpc::StatusCode::INTERNAL, "the engine failed"};
+    response->add_predictions()->add_targets();
+    return grpc::Status::OK;
+  };
+  const Result run = Maneuver({"--server", server.address(), "--output", "json", "load", "--scenes",
+                               "1", "--concurrency", "1", "--calls", "3", "--warm-up", "0"});
+  EXPECT_EQ(run.status, kFailed);
+  const auto line = nlohmann::json::parse(run.err, nullptr, /*allow_exceptions=*/false);
+  ASSERT_FALSE(line.is_discarded()) << run.err;
+  EXPECT_EQ(line["error"]["code"], "INTERNAL");
+  EXPECT_EQ(line["error"]["message"], "1 caller: the engine failed");
+}
+
+TEST(LoadCommandTest, WithoutACapacityItAdvisesALongerDurationAlone) {
+  client::TestServer server;
+  std::atomic<int> calls = 0;
+  server.on_predict = [&](grpc::ServerContext* context, const auto&,
+                          v1::PredictResponse* response) -> grpc::Status {
+    while (calls > 0 && !context->IsCancelled()) {
+      std::this_thread::sleep_for(milliseconds(1));
+    }
+    ++calls;
+    response->add_predictions()->add_targets();
+    return grpc::Status::OK;
+  };
+  const Result run =
+      Maneuver({"--server", server.address(), "--timeout", "2", "load", "--scenes", "1", "--rates",
+                "50%", "--concurrency", "1", "--duration", "0.1", "--warm-up", "0"});
+  EXPECT_EQ(run.status, kFailed);
+  EXPECT_THAT(run.err, AllOf(HasSubstr("set a longer --duration"), Not(HasSubstr("--timeout"))));
 }
 
 TEST(LoadCommandTest, NamesAServerThatDoesNotAnswerBeforeSendingLoad) {

@@ -133,8 +133,11 @@ TEST_F(ModelCommandTest, ShowsWhatAModelReadsAndPredicts) {
   spec.mutable_action_geometry()->set_pair_width(32);
   spec.set_mean_residual(true);
   spec.mutable_scene_covariance();
+  spec.mutable_trajectory()->set_waypoints(125);
+  spec.mutable_trajectory()->mutable_waypoint_interval()->set_nanos(100'000'000);
   std::string shown = Run({"model", "show", "town/2"});
   EXPECT_THAT(shown, ContainsRegex("predicts +vehicles"));
+  EXPECT_THAT(shown, ContainsRegex("horizon +12\\.5 s in 125 waypoints"));
   EXPECT_THAT(shown, ContainsRegex("trajectories +relative to the present motion"));
   EXPECT_THAT(shown, ContainsRegex("vectors +the target's past second, lane paths, agents nearby"));
   EXPECT_THAT(shown, ContainsRegex("actions look at +the lane paths"));

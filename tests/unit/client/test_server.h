@@ -38,6 +38,8 @@ class TestServer final {
       grpc::ServerReaderWriter<v1::StreamOutcomesResponse, v1::StreamOutcomesRequest>*)>
       on_stream_outcomes;
   std::function<grpc::Status(const v1::TrainRequest&, v1::Job*)> on_train;
+  // Empty: on_start_job.
+  std::function<grpc::Status(const v1::EvaluateRequest&, v1::Job*)> on_evaluate;
   // Fills in a job of another kind than training that is started, or resumed.
   std::function<void(v1::Job*)> on_start_job;
   std::function<grpc::Status(const v1::DeleteJobRequest&)> on_delete_job;
@@ -141,9 +143,11 @@ class TestServer final {
       owner_->See(*context);
       return owner_->on_train(*request, job);
     }
-    grpc::Status Evaluate(grpc::ServerContext* context, const v1::EvaluateRequest*,
+    grpc::Status Evaluate(grpc::ServerContext* context, const v1::EvaluateRequest* request,
                           v1::Job* job) override {
-      return Start(*context, job);
+      if (!owner_->on_evaluate) return Start(*context, job);
+      owner_->See(*context);
+      return owner_->on_evaluate(*request, job);
     }
     grpc::Status CrossValidate(grpc::ServerContext* context, const v1::CrossValidateRequest*,
                                v1::Job* job) override {

@@ -256,6 +256,13 @@ TEST_F(ReportCommandTest, ModelReportGathersAllPartsIntoOneFile) {
   }
 }
 
+TEST_F(ReportCommandTest, QuietKeepsTheProgressForPrograms) {
+  const Result result =
+      Run({"--quiet", "--progress", "json", "model", "report", "town/3", "--out", File("r.html")});
+  ASSERT_EQ(result.status, kOk) << result.err;
+  EXPECT_THAT(result.err, AllOf(HasSubstr("{\"progress\":"), Not(HasSubstr("the report is"))));
+}
+
 TEST_F(ReportCommandTest, WithoutAnEvaluationThePageSaysHowToGetOne) {
   models_.evaluated = false;
   ASSERT_EQ(Run({"model", "report", "town/3", "--out", File("r.html")}).status, kOk);
