@@ -103,6 +103,7 @@ class Download {
   void Forget() {
     header_ = {};
     arrived_.Clear();
+    progress_ = {};
   }
 
   absl::Status TakeChunk(std::string_view bytes) {

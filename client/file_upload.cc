@@ -35,7 +35,9 @@ class FilesOnTheirWay {
       there += bytes;
     }
     arrived_ = answer;
-    if (!std::exchange(has_asked_, true)) progress_.resumed = there;
+    // What had arrived before may be wrong, and gone by the next answer.
+    progress_.resumed = has_asked_ ? std::min(progress_.resumed, there) : there;
+    has_asked_ = true;
     skipped_ = there;
     ShowProgress(there);
     return absl::OkStatus();
@@ -157,6 +159,7 @@ absl::Status UploadFiles(const ClientOptions& options, const std::vector<LocalFi
     const bool starts_clean =
         absl::IsDataLoss(status) && upload.skipped() > 0 && std::exchange(may_start_clean, false);
     if (!status.ok() && !starts_clean) return status;
+    if (starts_clean) most_arrived = 0;
   }
 }
 

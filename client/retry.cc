@@ -24,7 +24,7 @@ absl::Duration BackoffAfter(const RetryPolicy& policy, int failures, double unif
   return nominal * (1.0 + policy.jitter * (2.0 * uniform - 1.0));
 }
 
-absl::Status RetryUnavailable(const RetryPolicy& policy, absl::Time deadline,
+absl::Status RetryUnavailable(const RetryPolicy& policy, const absl::Time& deadline,
                               const Cancellation* cancellation, const OnRetry& on_retry,
                               const std::function<absl::Status()>& attempt) {
   for (int failures = 1;; ++failures) {

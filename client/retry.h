@@ -31,8 +31,9 @@ using OnRetry = std::function<void(const absl::Status& failure, absl::Duration w
 // Calls `attempt` until it returns anything but UNAVAILABLE, the attempts are used up, or the next
 // wait would pass `deadline`. Returns the result of the last attempt. A retry delay in the error's
 // details extends the wait. CANCELLED if cancelled meanwhile.
+//   deadline: `attempt` may move it
 //   cancellation, on_retry: may be null.
-absl::Status RetryUnavailable(const RetryPolicy& policy, absl::Time deadline,
+absl::Status RetryUnavailable(const RetryPolicy& policy, const absl::Time& deadline,
                               const Cancellation* cancellation, const OnRetry& on_retry,
                               const std::function<absl::Status()>& attempt);
 

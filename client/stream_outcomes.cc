@@ -48,6 +48,7 @@ class GrpcOutcomeStream final : public OutcomeStream {
     if (finished_ || !end_.ok()) return end_;
     if (absl::Status status = AwaitAnswers(0); !status.ok()) return status;
     if (open_ != nullptr) {
+      CancelAt(AnswerTime());
       open_->stream->WritesDone();
       // Each report was answered, however this ends.
       Close().IgnoreError();
@@ -112,16 +113,19 @@ class GrpcOutcomeStream final : public OutcomeStream {
            absl::ToChronoNanoseconds(std::min(answer_timeout_, kLongest));
   }
 
+  // Lets the watchdog cancel the stream then, unless write_by_ is reset before.
+  void CancelAt(std::chrono::steady_clock::time_point time) {
+    const MutexLock lock(mutex_);
+    write_by_ = time;
+    write_changed_.NotifyAll();
+  }
+
   // DEADLINE_EXCEEDED if the server did not take the report in time; the stream is closed then.
   // Other failures show when answers are awaited.
   absl::Status Write(const v1::ReportOutcomesRequest& report) {
     v1::StreamOutcomesRequest message;
     *message.mutable_report() = report;
-    {
-      const MutexLock lock(mutex_);
-      write_by_ = AnswerTime();
-      write_changed_.NotifyAll();
-    }
+    CancelAt(AnswerTime());
     const bool is_taken = open_->stream->Write(message);
     {
       const MutexLock lock(mutex_);
@@ -133,15 +137,15 @@ class GrpcOutcomeStream final : public OutcomeStream {
     return absl::DeadlineExceededError("the server did not take a report in time");
   }
 
-  // Returns how a stream ended that is broken, or whose writes are done.
+  // Returns how a stream ended that is broken or cancelled, or whose writes are done.
   absl::Status Close() {
+    open_->reader.join();
     {
       const MutexLock lock(mutex_);
       closed_ = true;
       write_changed_.NotifyAll();
     }
     open_->watchdog.join();
-    open_->reader.join();
     absl::Status status = ToRetriable(open_->stream->Finish(), cancellation_);
     open_ = nullptr;
     return status;
@@ -244,7 +248,8 @@ class GrpcOutcomeStream final : public OutcomeStream {
   std::deque<v1::StreamOutcomesResponse> answers_ ABSL_GUARDED_BY(mutex_);  // not delivered yet
   bool broken_ ABSL_GUARDED_BY(mutex_) = false;
   CondVar write_changed_;
-  // When the watchdog cancels the stream; nothing while no report is being written.
+  // When the watchdog cancels the stream; nothing while neither a report is being written nor the
+  // stream's end awaited.
   std::optional<std::chrono::steady_clock::time_point> write_by_ ABSL_GUARDED_BY(mutex_);
   bool closed_ ABSL_GUARDED_BY(mutex_) = false;  // the watchdog is to end
 };

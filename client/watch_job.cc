@@ -65,14 +65,17 @@ absl::StatusOr<v1::Job> Client::WatchJob(const v1::WatchJobRequest& request,
       });
   if (!status.ok()) return status;
   while (!stopped && !HasEnded(job)) {
-    const absl::Time give_up = std::min(deadline, absl::Now() + options.watch_patience);
+    const auto patience = [&] { return std::min(deadline, absl::Now() + options.watch_patience); };
+    absl::Time give_up = patience();
     RetryPolicy patient = options.retry;
     patient.max_attempts = 1'000'000;
     const int64_t before = cursor.after_sequence();
     status = RetryUnavailable(patient, give_up, call.cancellation, options.on_retry, [&] {
       absl::Status result = follow();
-      const bool is_alive = stood || cursor.after_sequence() > before;
-      return is_alive && absl::IsUnavailable(result) ? absl::OkStatus() : result;
+      // A silent stream that stood earns more patience, but the next one comes after a wait.
+      if (stood) give_up = patience();
+      const bool has_news = cursor.after_sequence() > before;
+      return has_news && absl::IsUnavailable(result) ? absl::OkStatus() : result;
     });
     if (!status.ok()) return status;
   }

@@ -18,7 +18,8 @@ namespace {
 constexpr double kGalleryHeader = 74.0;   // pixels over the panels
 constexpr double kGalleryLegend = 250.0;  // pixels at the right, at least
 constexpr double kGalleryLetters = 9.0;
-constexpr double kLeastMetres = 4.0;  // that a panel shows along each axis
+constexpr double kGalleryLeastRow = 13.0;  // of the legend, so that its letters do not touch
+constexpr double kLeastMetres = 4.0;       // that a panel shows along each axis
 
 // An action in one panel.
 struct GalleryLine {
@@ -135,14 +136,18 @@ double GalleryLegendWidth(const std::vector<const v1::Action*>& actions, double 
   return std::clamp(longest + 150.0, kGalleryLegend, std::max(kGalleryLegend, picture / 3.0));
 }
 
+// Lists the most used actions, as many as fit, and says how many it leaves out.
 void DrawGalleryLegend(const std::vector<const v1::Action*>& actions,
                        const std::map<int, Color>& colors, const Box& box, Canvas* canvas) {
   constexpr double kLetters = kGalleryLetters;
-  const double row = std::min(22.0, box.height / static_cast<double>(actions.size() + 1));
+  const auto rows = static_cast<size_t>(box.height / kGalleryLeastRow);
+  const bool all_fit = actions.size() + 1 <= rows;
+  const size_t listed = all_fit ? actions.size() : rows - 2;  // without the title and the note
+  const double row = std::min(22.0, box.height / static_cast<double>(listed + (all_fit ? 1 : 2)));
   double y = box.top + row / 2.0;
   canvas->Text("action", {box.left, y + kLetters / 2.0}, 8.5, kFaintInk);
   canvas->Text("usage", {box.right(), y + kLetters / 2.0}, 8.5, kFaintInk, Anchor::kRight);
-  for (const v1::Action* action : actions) {
+  for (const v1::Action* action : std::span(actions).first(listed)) {
     y += row;
     const double baseline = y + kLetters / 2.0;
     canvas->Stroke({{box.left, y}, {box.left + 20.0, y}}, colors.at(action->action_id()), 3.0);
@@ -152,6 +157,9 @@ void DrawGalleryLegend(const std::vector<const v1::Action*>& actions,
     canvas->Text(absl::StrFormat("%.1f %%", 100.0 * action->usage()), {box.right(), baseline},
                  kLetters, kFaintInk, Anchor::kRight);
   }
+  if (all_fit) return;
+  canvas->Text(absl::StrCat("and ", actions.size() - listed, " more"),
+               {box.left + 56.0, y + row + kLetters / 2.0}, kLetters, kFaintInk);
 }
 
 absl::StatusOr<std::string> PaintActionGallery(std::span<const v1::ActionSet> sets,

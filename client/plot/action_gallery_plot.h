@@ -20,8 +20,8 @@ struct ActionGalleryOptions {
 
 // Draws one panel for each set: the mean trajectories of its actions, each with the same colour in
 // all panels and its id at the end. A dashed line shows where a target would be that keeps its
-// speed. A legend has ids, names and usage. Axes in metres, with one scale per panel. Returns a PNG
-// file; the same input gives the same file.
+// speed. A legend has ids, names and usage of the most used actions, as many as fit. Axes in
+// metres, with one scale per panel. Returns a PNG file; the same input gives the same file.
 //   sets: action sets of one model version, each with its `speed`.
 // INVALID_ARGUMENT if there is no set, a set has no speed or no actions, a trajectory has unequal
 // numbers of x and y, or a side is not 200 to 12000 pixels.

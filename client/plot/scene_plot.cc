@@ -56,8 +56,9 @@ absl::StatusOr<std::string> PaintScene(const v1::Scenario& scenario,
   }
   const GridShape grid = ShapeOf(static_cast<int>(panels.size()));
   const bool alone = panels.size() == 1;
-  const int width = options.width > 0 ? options.width : alone ? 1500 : 1000 * grid.columns;
-  const int height = options.height > 0 ? options.height : alone ? 1000 : 700 * grid.rows;
+  const PictureSize size = alone ? PictureSize{1500, 1000} : SizeFor(grid, 1000.0, 700.0);
+  const int width = options.width > 0 ? options.width : size.width;
+  const int height = options.height > 0 ? options.height : size.height;
   absl::Status status = CheckSize(width, height);
   if (!status.ok()) return status;
   Canvas canvas(width, height, {15, 16, 20});

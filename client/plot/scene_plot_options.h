@@ -11,7 +11,8 @@
 namespace maneuver::plot {
 
 struct ScenePlotOptions {
-  // Pixels; 0: chosen by the number of targets.
+  // Pixels; 0: chosen by the number of targets, at most 12000. The panels of more than 144 targets
+  // become smaller.
   int width = 0;
   int height = 0;
   // Hides the distributions of less probable actions, except representatives.

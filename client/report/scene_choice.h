@@ -19,8 +19,8 @@ void Measure(Scene* scene);
 //   best        the smallest ade_1, of targets that go at least 10 m
 //   surprising  the largest surprise
 //   typical     of each kinematic class, in turn, the scenes whose ade_1 is nearest to its median
-// Each of the first three groups gets a fifth of `most`, with at most two scenes of one recording. A
-// scene appears once, with all groups that it belongs to.
+// Each of the first three groups gets a fifth of `most`, with at most two scenes of one recording.
+// A scene appears once, with all groups that it belongs to.
 std::vector<Scene> ChooseScenes(std::vector<Scene> scenes, int most);
 
 }  // namespace maneuver::report

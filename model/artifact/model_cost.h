@@ -15,8 +15,8 @@ namespace maneuver::artifact {
 // A batch normalisation has two parameters per channel; its running moments do not count.
 v1::ModelCost CountCost(const v1::ModelSpec& spec);
 
-// Returns the bytes of memory that the predictions of all actions take for one example while a model
-// is calibrated.
+// Returns the bytes of memory that the predictions of all actions take for one example while a
+// model is calibrated.
 int64_t PredictionBytes(const v1::ModelSpec& spec);
 
 // Returns about how many bytes of memory one example of a batch takes while the networks learn from

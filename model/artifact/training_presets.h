@@ -27,8 +27,8 @@ inline constexpr double kLeastStride = 0.01;
 // the preset's scene_covariance if decoder_covariance asks for another kind. An unknown preset is
 // left for validation to report.
 //
-// A model that is described whole, from its inputs to its trajectories, does not take action_geometry
-// from the preset. So settings that were resolved before stay the same.
+// A model that is described whole, from its inputs to its trajectories, does not take
+// action_geometry from the preset. So settings that were resolved before stay the same.
 v1::TrainingSettings ResolveTrainingSettings(const v1::TrainingSettings& settings);
 
 // Does the same for a training that starts from a model of this spec, which replaces the preset's

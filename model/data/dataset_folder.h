@@ -87,7 +87,8 @@ absl::StatusOr<v1::Scenario> ReadScenario(const std::filesystem::path& folder,
 // settings, without thinning standing targets. The settings must be complete
 // (artifact::ResolveTrainingSettings). Types are named without their prefix: VEHICLE,
 // LANE_CENTERLINE.
-//   gives_up: asked before each recording, from any thread; once it returns true, ends with CANCELLED
+//   gives_up: asked before each recording, from any thread; once it returns true, ends with
+//     CANCELLED
 absl::StatusOr<v1::DatasetSummary> DescribeDataset(const std::filesystem::path& folder,
                                                    const v1::ModelSpec& spec,
                                                    const v1::ExampleSettings& settings,

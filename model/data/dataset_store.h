@@ -1,10 +1,10 @@
 // The datasets of a server: one folder each, named by the dataset's id.
 //
-// Without a ledger a dataset exists while its folder is there. With one (dataset_ledger.h) it exists
-// while the ledger lists it. Then what lists, counts and gets datasets does not read the folder. A
-// folder that the ledger does not know is added to it when a store opens, by AdoptFolders and
-// AdoptNewFolders, and when its id is asked for. It is whole: a server died while it published it,
-// or a server without the ledger made it.
+// Without a ledger a dataset exists while its folder is there. With one (dataset_ledger.h) it
+// exists while the ledger lists it. Then what lists, counts and gets datasets does not read the
+// folder. A folder that the ledger does not know is added to it when a store opens, by AdoptFolders
+// and AdoptNewFolders, and when its id is asked for. It is whole: a server died while it published
+// it, or a server without the ledger made it.
 
 #ifndef MANEUVER_MODEL_DATA_DATASET_STORE_H_
 #define MANEUVER_MODEL_DATA_DATASET_STORE_H_
@@ -154,7 +154,8 @@ class DatasetStore {
   // Adds the folder of `id` to the ledger, unless it is there. NOT_FOUND if there is none.
   absl::Status AdoptFolder(const std::string& id) const;
   absl::StatusOr<std::filesystem::path> MoveOut(const std::string& id) const;
-  // Takes a dataset from the list, and MoveOut. Returns an empty path if the folder is gone already.
+  // Takes a dataset from the list, and MoveOut. Returns an empty path if the folder is gone
+  // already.
   absl::StatusOr<std::filesystem::path> Unlist(const std::string& id) const;
   absl::Status CheckRoom(uint64_t wanted, uint64_t arrived, uint64_t announced, uint64_t missing,
                          uint64_t broken_off) const;

@@ -15,9 +15,9 @@ namespace maneuver::data {
 // thread-safe.
 class DatasetUpload {
  public:
-  // Keeps the arrived bytes for this caller's next upload of this name, unless Commit succeeded, they
-  // cannot become this dataset (too many bytes, a wrong recording, ALREADY_EXISTS), or Discard was
-  // called.
+  // Keeps the arrived bytes for this caller's next upload of this name, unless Commit succeeded,
+  // they cannot become this dataset (too many bytes, a wrong recording, ALREADY_EXISTS), or Discard
+  // was called.
   virtual ~DatasetUpload() = default;
 
   // Receives the next bytes. Each error names the shard:

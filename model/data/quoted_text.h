@@ -8,8 +8,8 @@
 
 namespace maneuver::data {
 
-// Returns "'abc'", with '?' for each byte that is not printable ASCII. Text of more than 60 bytes is
-// cut: "'abc...'".
+// Returns "'abc'", with '?' for each byte that is not printable ASCII. Text of more than 60 bytes
+// is cut: "'abc...'".
 std::string QuotedText(std::string_view text);
 
 }  // namespace maneuver::data

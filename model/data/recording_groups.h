@@ -55,9 +55,9 @@ class RecordingGrouper {
 
   void Add(const v1::Scenario& recording);
 
-  // Begins a pass that keeps other hashes than all passes before it. If it returns true, add the same
-  // recordings in the same order again. It returns false if no hashes are left: the groups are then
-  // those that unlimited hashes give.
+  // Begins a pass that keeps other hashes than all passes before it. If it returns true, add the
+  // same recordings in the same order again. It returns false if no hashes are left: the groups are
+  // then those that unlimited hashes give.
   bool NextPass();
 
   RecordingGroups Groups() const;

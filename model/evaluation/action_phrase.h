@@ -49,9 +49,9 @@ inline constexpr double kTellingShare = 0.6;
 //   U-turn left          |h| >= 120 degrees
 //   left turn            |h| >= 30 degrees, or >= 12 and the examples are turns; ", tight" if the
 //                        turn's radius is less than 12 m, ", wide" if more than 35 m
-//   lane change left     |h| < 15 degrees, |d| >= 2 m, and the mean ends as far to the same side; or
-//                        |h| < 20 degrees, |d| >= 1 m and at least half of the examples are lane
-//                        changes to the left
+//   lane change left     |h| < 15 degrees, |d| >= 2 m, and the mean ends as far to the same side;
+//                        or |h| < 20 degrees, |d| >= 1 m and at least half of the examples are
+//                        lane changes to the left
 //   bear left            |h| >= 12 degrees
 //   drift left           |d| >= 1 m, and the mean ends as far to the same side
 //   stop within 12 m     begins at 1.5 m/s or more and ends below 1 m/s

@@ -12,8 +12,8 @@ namespace maneuver::evaluation {
 // Returns tables for the held-out folds and for each test dataset: the main metrics with their
 // intervals, what the actions of each model mean, the main metrics by speed and by kinematic class
 // (by type and by dataset as well, if there are several), and which predictor is ahead in each. The
-// report itself has all metrics and all strata. Lines end in '\n'. Without colour, the text is plain
-// ASCII.
+// report itself has all metrics and all strata. Lines end in '\n'. Without colour, the text is
+// plain ASCII.
 std::string CrossValidationText(const v1::CrossValidationReport& report, bool color);
 
 }  // namespace maneuver::evaluation

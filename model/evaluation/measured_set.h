@@ -16,10 +16,11 @@
 namespace maneuver::evaluation {
 
 // Makes a set of measurements that come block by block. The set has a row of ExampleMetrics
-// (example_metrics.h) for each example, some 1.3 kB, and those metrics of the whole set that are not
-// means over examples: of all examples, and without those of each block of groups of recordings. It
-// does not depend on how the examples come. With many groups, several share a block of the jackknife
-// (Shao and Tu, The Jackknife and Bootstrap, 1995, section 2.3), so that time and memory are bounded.
+// (example_metrics.h) for each example, some 1.3 kB, and those metrics of the whole set that are
+// not means over examples: of all examples, and without those of each block of groups of
+// recordings. It does not depend on how the examples come. With many groups, several share a block
+// of the jackknife (Shao and Tu, The Jackknife and Bootstrap, 1995, section 2.3), so that time and
+// memory are bounded.
 class MeasuredSetBuilder {
  public:
   //   groups: the group of each recording of the set's plan

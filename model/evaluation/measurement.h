@@ -74,8 +74,8 @@ struct Measurement {
   StratumKeys keys;                                       // of the target and its trajectory
 };
 
-// Measures an answer without its scene: sets the probabilities, the responsibilities, the action and
-// the posterior of `measured`. Returns the distributions of q(z|y,s) of the actions 0 .. K-1.
+// Measures an answer without its scene: sets the probabilities, the responsibilities, the action
+// and the posterior of `measured`. Returns the distributions of q(z|y,s) of the actions 0 .. K-1.
 //   encoding: of the scene, by the session's model
 //   truth: what the target did, [T, 2] target frame, metres
 std::vector<inference::ActionDistribution> MeasureAnswer(const inference::SceneEncoding& encoding,

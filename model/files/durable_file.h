@@ -18,8 +18,8 @@ namespace maneuver::files {
 // named pipe in its place is not waited for.
 absl::StatusOr<std::string> ReadFile(const std::filesystem::path& file);
 
-// Returns the whole content of what a person named: a pipe, such as <(...) of a shell, is read to its
-// end. NOT_FOUND if there is no such file.
+// Returns the whole content of what a person named: a pipe, such as <(...) of a shell, is read to
+// its end. NOT_FOUND if there is no such file.
 absl::StatusOr<std::string> ReadInput(const std::filesystem::path& file);
 
 // Returns the paths of all that is in a folder, sorted.
@@ -46,8 +46,8 @@ absl::Status MoveIntoPlace(const std::filesystem::path& temporary,
 // it.
 absl::StatusOr<std::filesystem::path> MakeTemporaryFolderFor(const std::filesystem::path& folder);
 
-// Takes a file or folder out of its place in one step, by a name of this kind, and syncs its parent.
-// The caller removes what is at the returned path, which may take long; if it does not,
+// Takes a file or folder out of its place in one step, by a name of this kind, and syncs its
+// parent. The caller removes what is at the returned path, which may take long; if it does not,
 // RemoveTemporaries does. A full disk is no hindrance. NOT_FOUND if there is nothing.
 absl::StatusOr<std::filesystem::path> MoveAside(const std::filesystem::path& path);
 

@@ -7,8 +7,8 @@
 
 namespace maneuver::files {
 
-// Returns whether ErrnoStatus (errno_status.h) made the status for an error of a whole file system: a
-// device that failed, or a server of files that is away. It says nothing about the file.
+// Returns whether ErrnoStatus (errno_status.h) made the status for an error of a whole file system:
+// a device that failed, or a server of files that is away. It says nothing about the file.
 bool IsFileSystemFailure(const absl::Status& status);
 
 }  // namespace maneuver::files

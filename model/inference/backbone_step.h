@@ -42,8 +42,8 @@ dnnl::memory::desc GridDescription(const artifact::GridSize& grid, dnnl::memory:
 // Returns the index of a layer, `begin` or more. The grids of that layer and all after it should
 // use kChannelBlocks. Returns layers.size() if no grid should. A residual network in f32 uses them
 // on a processor with AVX-512: it computes its 3x3 convolutions by Winograd's minimal filtering
-// (Lavin and Gray, Fast Algorithms for Convolutional Neural Networks, 2016). That takes a quarter to
-// a half of the multiplications, and its rounding errors are a few times those of a direct f32
+// (Lavin and Gray, Fast Algorithms for Convolutional Neural Networks, 2016). That takes a quarter
+// to a half of the multiplications, and its rounding errors are a few times those of a direct f32
 // convolution.
 size_t FirstInBlocks(std::span<const artifact::BackboneLayer> layers, size_t begin, bool bf16);
 

@@ -1,5 +1,5 @@
-// Convolves the nonzero values of a raster: for training, where weights change in every step and get
-// gradients. All instruction sets give the same bits.
+// Convolves the nonzero values of a raster: for training, where weights change in every step and
+// get gradients. All instruction sets give the same bits.
 
 #ifndef MANEUVER_MODEL_KERNELS_NONZERO_CONVOLUTION_H_
 #define MANEUVER_MODEL_KERNELS_NONZERO_CONVOLUTION_H_

@@ -13,8 +13,8 @@
 
 namespace maneuver::learning {
 
-// Returns the text that identifies a training run: its settings without the number of threads. A run
-// may go on with another number, and then rounds differently.
+// Returns the text that identifies a training run: its settings without the number of threads. A
+// run may go on with another number, and then rounds differently.
 std::string IdentifyingSettings(v1::TrainingSettings settings);
 
 std::string RandomState(const at::Generator& generator);

@@ -71,8 +71,8 @@ absl::StatusOr<v1::CrossValidationPlan> PlanCrossValidation(const CrossValidatio
 // Each learns from the other folds, of which `validation_share` is held out for calibration, as in
 // any training. The engine then loads the written model in f32 and measures it on the recordings of
 // its fold and on the test datasets. The result does not depend on `data_memory` as long as the
-// recordings that a model learns from fit. Besides that memory, the measurements of all examples are
-// kept, some 1.3 kB each.
+// recordings that a model learns from fit. Besides that memory, the measurements of all examples
+// are kept, some 1.3 kB each.
 //   plan: what PlanCrossValidation returned for `run`
 // Errors: those of Train and of evaluation::BlockMeasurer, with the seed and the fold; CANCELLED.
 absl::StatusOr<v1::CrossValidationPart> CrossValidate(const CrossValidation& run,

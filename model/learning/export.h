@@ -58,8 +58,9 @@ struct ExportSeconds {
 };
 
 // Exports a model as ExportModel does, but measures it on about a tenth of the examples, publishes
-// nothing and leaves nothing behind. Returns how long a whole export takes. Returns nothing if there
-// are too few held-out examples for that, if it fails, or if the progress of the options stops it.
+// nothing and leaves nothing behind. Returns how long a whole export takes. Returns nothing if
+// there are too few held-out examples for that, if it fails, or if the progress of the options
+// stops it.
 //   clock: measures the time
 std::optional<ExportSeconds> RehearseExport(artifact::StoredModel model, const TrainingData& data,
                                             const v1::ExampleSettings& examples,

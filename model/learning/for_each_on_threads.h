@@ -8,8 +8,8 @@
 
 namespace maneuver::learning {
 
-// Calls work(0) .. work(count - 1) on `threads` threads and waits for them. After an error, calls no
-// more. Returns the first error that came.
+// Calls work(0) .. work(count - 1) on `threads` threads and waits for them. After an error, calls
+// no more. Returns the first error that came.
 absl::Status ForEachOnThreads(size_t count, int threads,
                               const std::function<absl::Status(size_t)>& work);
 

@@ -17,7 +17,8 @@ struct MeasuredRecordings {
 };
 
 // Returns whole recordings that together hold `most` examples, or a few more; all that hold any if
-// those are fewer. A hash of their ids decides which, so they are spread over all datasets and all times.
+// those are fewer. A hash of their ids decides which, so they are spread over all datasets and all
+// times.
 MeasuredRecordings ChooseRecordings(const ExampleSet& set, int64_t most);
 
 }  // namespace maneuver::learning

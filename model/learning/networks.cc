@@ -197,9 +197,10 @@ at::Tensor Networks::EvaluateBackbone(const RasterBatch& rasters, bool training)
           grids[layer.destination] = BatchNormRelu(grid, norm);
           continue;
         }
-        grid = at::batch_norm(grid, norm.weight, norm.bias, norm.running_mean, norm.running_var,
-                              training, kBatchNormMomentum, kBatchNormEpsilon,
-                              /*cudnn_enabled=*/true);
+        grid = training ? BatchNormOfBatch(grid, norm)
+                        : at::batch_norm(grid, norm.weight, norm.bias, norm.running_mean,
+                                         norm.running_var, /*training=*/false, kBatchNormMomentum,
+                                         kBatchNormEpsilon, /*cudnn_enabled=*/true);
         break;
       }
       case Kind::kMaxPool:

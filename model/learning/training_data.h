@@ -48,10 +48,10 @@ struct TrainingData {
 // Reads the folders and enumerates the examples of complete settings. Annotations are for
 // evaluation and, by label_share, for labels.
 //   keep_going: asked between recordings; returning false ends the call with CANCELLED.
-// Errors: those of data::ForEachScenario; INVALID_ARGUMENT if there are weights, but not one for each
-// folder; FAILED_PRECONDITION if there are fewer training examples than MinimumExamples, none in a
-// folder that has a weight, or more labelled manoeuvres than the model has actions. The messages say
-// what was found and what to do.
+// Errors: those of data::ForEachScenario; INVALID_ARGUMENT if there are weights, but not one for
+// each folder; FAILED_PRECONDITION if there are fewer training examples than MinimumExamples, none
+// in a folder that has a weight, or more labelled manoeuvres than the model has actions. The
+// messages say what was found and what to do.
 absl::StatusOr<TrainingData> LoadTrainingData(std::span<const std::filesystem::path> folders,
                                               const v1::TrainingSettings& settings,
                                               const std::function<bool()>& keep_going,

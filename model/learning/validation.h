@@ -62,8 +62,9 @@ void ValidateBase(const Networks& networks, const at::Tensor& trajectories, bool
                   v1::EpochReport* report);
 
 // Reports the bound of `objective` (see SceneBound) on at most 2,048 of the examples, with means in
-// place of samples, and how often the actions are used; on a quarter of these also the log-likelihood
-// of the mixture at a waypoint. If `stopped`, ends early and reports only the mixture.
+// place of samples, and how often the actions are used; on a quarter of these also the
+// log-likelihood of the mixture at a waypoint. If `stopped`, ends early and reports only the
+// mixture.
 void ValidateScenes(Networks& networks, const SceneSource& source, v1::Objective objective,
                     const v1::OptimizationSettings& optimization, int threads,
                     const std::function<bool()>& stopped, v1::EpochReport* report);

@@ -14,7 +14,8 @@ inline constexpr char kControlGroups[] = "/sys/fs/cgroup";
 // Returns the group of this process, such as "/a/b"; nothing if it has none.
 std::optional<std::filesystem::path> OwnControlGroup();
 
-// Returns the smallest limit of a group and of the groups that contain it; nothing if there is none.
+// Returns the smallest limit of a group and of the groups that contain it; nothing if there is
+// none.
 //   root: the mount point, kControlGroups
 //   limit_in: returns the limit that the files in a group's folder set
 std::optional<double> LeastLimit(

@@ -14,8 +14,8 @@ namespace maneuver::scene {
 // Holds scratch memory: use one per thread.
 class NonzeroSearch {
  public:
-  // Finds the nonzero values of the channels from `first_channel` on. Returns false, with the values
-  // of the first rows, if there are more than `most`.
+  // Finds the nonzero values of the channels from `first_channel` on. Returns false, with the
+  // values of the first rows, if there are more than `most`.
   //   values: is replaced; its memory is used again
   bool Find(const Raster& raster, int first_channel, int64_t most, kernels::NonzeroValues* values);
 

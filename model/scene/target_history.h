@@ -46,8 +46,8 @@ TargetHistory ResampleHistory(const v1::Agent& agent, double time, const Pose2& 
 //   acceleration = a / (1 + 30 s^2 / 1.1)              s^2, q^2: residual variances of the fits,
 //   turn_rate    = w / (1 + 100 q^2 / (1.1 * 0.12^2))  over 9 degrees of freedom
 //
-// The times of the 11 states, about their mean, have squares that add up to 1.1 (square seconds). So
-// s^2 / 1.1 is the variance of the slope.
+// The times of the 11 states, about their mean, have squares that add up to 1.1 (square seconds).
+// So s^2 / 1.1 is the variance of the slope.
 struct MotionEstimate {
   double speed = 0.0;           // along the heading, m/s; negative: backwards
   double lateral_speed = 0.0;   // to the left, m/s

@@ -58,16 +58,24 @@ std::string HeaderLine() {
   return line + "\n";
 }
 
+// Returns whether a file is an unfinished CSV or .tags file of a shard, and not of one whose name
+// only begins like this one's.
+bool IsLeftover(const std::string& name, const TagFile& file) {
+  for (const char* kind : {".csv.gz", ".tags"}) {
+    const std::string mark = absl::StrCat(".", file.name(), kind, files::kTemporaryMark);
+    if (absl::StartsWith(name, mark) && name.find('.', mark.size()) == std::string::npos) {
+      return true;
+    }
+  }
+  return false;
+}
+
 void RemoveLeftovers(const fs::path& folder, const TagFile& file) {
-  const std::string mark = absl::StrCat(".", file.name(), ".");
   std::error_code error;
   std::vector<fs::path> leftovers;
   for (fs::directory_iterator entry(folder, error); !error && entry != fs::directory_iterator();
        entry.increment(error)) {
-    const std::string name = entry->path().filename().string();
-    if (absl::StartsWith(name, mark) && absl::StrContains(name, ".tmp-")) {
-      leftovers.push_back(entry->path());
-    }
+    if (IsLeftover(entry->path().filename().string(), file)) leftovers.push_back(entry->path());
   }
   for (const fs::path& leftover : leftovers) fs::remove(leftover, error);
 }
@@ -78,7 +86,8 @@ class FileShardTagsWriter : public ShardTagsWriter {
       : folder_(std::move(folder)),
         schema_(schema),
         file_(std::move(file)),
-        temporary_(folder_ / absl::StrCat(".", file_.name(), ".csv.gz.tmp-", getpid())) {
+        temporary_(folder_ /
+                   absl::StrCat(".", file_.name(), ".csv.gz", files::kTemporaryMark, getpid())) {
     head_.set_schema_sha256(schema_.sha256);
     head_.set_shard_sha256(file_.shard_sha256());
     head_.mutable_action_rows()->Resize(schema_.content.action_names_size(), 0);

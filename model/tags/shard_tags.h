@@ -59,8 +59,8 @@ class ShardTags {
   const TagHead& head() const { return head_; }
   size_t rows() const { return static_cast<size_t>(head_.rows()); }
   // Checks a column against its checksum, and that numbers of recordings and of actions exist.
-  // DATA_LOSS, naming the file and the column. Call it before the values are used. A column that the
-  // file's format lacks has the value 0 in each row.
+  // DATA_LOSS, naming the file and the column. Call it before the values are used. A column that
+  // the file's format lacks has the value 0 in each row.
   absl::Status Verify(Column column) const;
   // Returns the integers of a column. Narrow: of 4 bytes; Wide: of 8.
   std::span<const int32_t> Narrow(Column column) const;

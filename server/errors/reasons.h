@@ -17,8 +17,8 @@ struct ReasonEntry {
   std::string_view remedy;  // what the caller or the operator should do
 };
 
-// In the order of the page: reasons of any call, of predictions, models, datasets, tags, jobs, and how
-// a job ended (Job.error).
+// In the order of the page: reasons of any call, of predictions, models, datasets, tags, jobs, and
+// how a job ended (Job.error).
 inline constexpr ReasonEntry kReasons[] = {
     {"CREDENTIALS_MISSING", "UNAUTHENTICATED",
      "the server requires authentication, and the call has none",

@@ -92,8 +92,8 @@ class JobStore {
   // Returns the job that a request created, if there is one.
   virtual absl::StatusOr<std::optional<RequestedJob>> FindRequest(
       const std::string& request_id) = 0;
-  // Returns a page of jobs, newest first; damaged ones apart. INVALID_ARGUMENT for a token that List
-  // did not return.
+  // Returns a page of jobs, newest first; damaged ones apart. INVALID_ARGUMENT for a token that
+  // List did not return.
   //   page_size: 1 or more, of sound and damaged jobs together
   virtual absl::StatusOr<JobPage> List(int page_size, const std::string& page_token) = 0;
   // Returns the jobs in a state, at most `limit`, in the order in which pending jobs start: the
@@ -108,8 +108,8 @@ class JobStore {
   virtual absl::Status Move(v1::JobState from, const v1::Job& job) = 0;
 
   // Makes the first PENDING job, in the order of ListInState, RUNNING and returns it with a lease.
-  // `begin` changes the job as it starts. Returns nothing if no job is PENDING. Passes over jobs that
-  // are damaged, and logs each of them once.
+  // `begin` changes the job as it starts. Returns nothing if no job is PENDING. Passes over jobs
+  // that are damaged, and logs each of them once.
   //   worker: leaves jobs out that this server cannot run; nothing: takes any
   virtual absl::StatusOr<std::optional<ClaimedJob>> Claim(
       const JobEdit& begin, const std::optional<WorkerCapacity>& worker) = 0;

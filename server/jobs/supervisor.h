@@ -122,8 +122,8 @@ class Supervisor {
 
   // Returns a job. If it is PENDING, and no live server can run it, its error says why.
   absl::StatusOr<v1::Job> Get(const std::string& name);
-  // Lists jobs, newest first, each as Get returns it. A damaged job, which Get refuses, has its name
-  // and its error (STORAGE_DAMAGED) alone.
+  // Lists jobs, newest first, each as Get returns it. A damaged job, which Get refuses, has its
+  // name and its error (STORAGE_DAMAGED) alone.
   absl::StatusOr<JobPage> List(int page_size, const std::string& page_token);
   // Cancels a job. A pending job becomes CANCELLED at once. A running job is asked to stop and
   // stays RUNNING until its process is gone, even if the server dies in between; its checkpoints

@@ -36,8 +36,8 @@ absl::Status WithDefaultReason(absl::Status status, errors::Reason reason);
 absl::Status CannotStartTrainer(const absl::Status& reason);
 
 // Returns whether the process was ended by a signal or lost a rank, though it was within its limits
-// of time and memory. Then another process should continue the job, unless the server asked this one
-// to stop.
+// of time and memory. Then another process should continue the job, unless the server asked this
+// one to stop.
 bool HasDied(const ChildResult& result);
 
 // Returns the error of a job whose server stopped or died while it ran: SERVER_INTERRUPTED.

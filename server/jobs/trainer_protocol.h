@@ -24,9 +24,9 @@
 //
 // Each FILE is proto3 JSON. The settings are a TrainingSettings for train and cross-validate, and
 // an ExampleSettings for evaluate, recalibrate and --next-settings. --next-... describe the
-// evaluations that follow a training, so that its progress counts them. The output of evaluate is an
-// EvaluationReport, that of cross-validate a CrossValidationReport; train and recalibrate write a
-// model folder.
+// evaluations that follow a training, so that its progress counts them. The output of evaluate is
+// an EvaluationReport, that of cross-validate a CrossValidationReport; train and recalibrate write
+// a model folder.
 // With --progress json each line on standard output is one JobProgress as proto3 JSON. evaluate and
 // cross-validate then need --output; otherwise they print the report for people. Standard error is
 // for people, and its last line says why a run failed. SIGTERM stops a run; no half-written file

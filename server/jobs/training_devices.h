@@ -15,8 +15,8 @@
 
 namespace maneuver::jobs {
 
-// Asks the trainer, when a device other than "cpu" is first wanted, until it answers: it alone links
-// LibTorch.
+// Asks the trainer, when a device other than "cpu" is first wanted, until it answers: it alone
+// links LibTorch.
 // Thread-safe.
 class TrainingDevices {
  public:

@@ -19,7 +19,8 @@ struct JobNeeds {
   int64_t memory_bytes = 0;  // of all ranks; 0: not known
 };
 
-// Returns the needs of a job with complete settings: its memory is that of Job.memory for each rank.
+// Returns the needs of a job with complete settings: its memory is that of Job.memory for each
+// rank.
 JobNeeds NeedsOf(const v1::Job& job);
 
 struct WorkerCapacity {

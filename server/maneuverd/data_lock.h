@@ -29,7 +29,8 @@ class DataLock {
 
 // Closes a data folder that other users can enter: its mode becomes 700. One that they cannot enter
 // keeps its mode, such as 750, which lets a group in; so does one that is shared, sticky or another
-// user's. Returns a line for the log: what was changed, or what to do; empty if others cannot enter.
+// user's. Returns a line for the log: what was changed, or what to do; empty if others cannot
+// enter.
 std::string CloseToOthers(const std::filesystem::path& data_dir, bool is_shared);
 
 }  // namespace maneuver

@@ -12,9 +12,9 @@ namespace maneuver {
 // By default, glibc returns memory that is freed at the end of a heap to the system, and fetches it
 // again page by page for the next message. That takes a tenth of an overloaded server's time. It
 // keeps memory that is freed elsewhere for ever: hundreds of megabytes after a burst of large
-// messages. Once an IdleMemory exists, glibc keeps freed blocks of up to 32 MiB, and up to 16 MiB at
-// the end of each heap. The thread of IdleMemory checks every two seconds. It returns the memory to
-// the system if 32 MiB more than necessary were unused twice in a row.
+// messages. Once an IdleMemory exists, glibc keeps freed blocks of up to 32 MiB, and up to 16 MiB
+// at the end of each heap. The thread of IdleMemory checks every two seconds. It returns the memory
+// to the system if 32 MiB more than necessary were unused twice in a row.
 class IdleMemory {
  public:
   IdleMemory();

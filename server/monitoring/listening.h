@@ -7,8 +7,9 @@
 
 namespace maneuver::monitoring {
 
-// Returns why this process cannot listen on HOST:PORT or [IPV6]:PORT, in words that complete "cannot
-// listen on it: ...". Tries it, because the libraries that serve a port do not report the reason.
+// Returns why this process cannot listen on HOST:PORT or [IPV6]:PORT, in words that complete
+// "cannot listen on it: ...". Tries it, because the libraries that serve a port do not report the
+// reason.
 std::string WhyNotListening(const std::string& address);
 
 }  // namespace maneuver::monitoring

@@ -38,7 +38,8 @@ struct Credentials {
   // From the client's certificate, if it was verified.
   std::vector<std::string> alternative_names = {};
   std::string common_name = {};
-  // Network address, without the port, as gRPC writes it: "ipv4:10.1.2.3", "ipv6:%5B2001:db8::1%5D".
+  // Network address, without the port, as gRPC writes it: "ipv4:10.1.2.3",
+  // "ipv6:%5B2001:db8::1%5D".
   std::string peer = {};
 };
 

@@ -66,8 +66,8 @@ class Identities {
   // the same time for every token, known or not.
   const Identity* FindToken(std::string_view token) const;
   // Returns the identity of a certificate, or nullptr: the first line that has one of its names.
-  //   alternative_names: the certificate's DNS names, URIs and addresses, as text; of each those that
-  //     KindOf says are of their kind
+  //   alternative_names: the certificate's DNS names, URIs and addresses, as text; of each those
+  //     that KindOf says are of their kind
   //   common_name: empty for none.
   const Identity* FindCertificate(const std::vector<std::string>& alternative_names,
                                   std::string_view common_name) const;

@@ -90,8 +90,8 @@ class PostgresqlConnection {
   absl::Status RunScript(const std::string& text);
 
   // Waits until PostgreSQL tells of a NOTIFY on a channel that the connection LISTENs to, and
-  // returns true. It then forgets all that have arrived. Returns false once the descriptor `stop` can
-  // be read.
+  // returns true. It then forgets all that have arrived. Returns false once the descriptor `stop`
+  // can be read.
   absl::StatusOr<bool> WaitForNotification(int stop);
 
   // Returns whether the connection is gone: open another one.

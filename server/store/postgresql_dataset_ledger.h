@@ -19,8 +19,8 @@ namespace maneuver::store {
 // Each Add and Remove is one transaction, which holds the row while the folder is moved. Another
 // server that adds or removes the same dataset waits for its end, for 1 s at most; then its call is
 // UNAVAILABLE. The session waits, too: a folder that hangs would keep the store from its other
-// callers, so callers first write beside the folder. PostgreSQL ends the transaction of a server that
-// was frozen after 30 s.
+// callers, so callers first write beside the folder. PostgreSQL ends the transaction of a server
+// that was frozen after 30 s.
 //
 // If the connection is lost during the commit, nothing is taken back, because the folder has moved:
 // after Add the folder is whole, and a server that finds it without a row adds it; after Remove a

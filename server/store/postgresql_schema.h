@@ -36,8 +36,8 @@ struct SchemaVersion {
 // Returns the version of the tables. DATA_LOSS if the tables do not say it.
 absl::StatusOr<SchemaVersion> ReadSchemaVersion(PostgresqlConnection& connection);
 
-// Returns OK if the tables have all steps of StoreMigrations and, beyond them, additions alone. Else
-// FAILED_PRECONDITION says what to do.
+// Returns OK if the tables have all steps of StoreMigrations and, beyond them, additions alone.
+// Else FAILED_PRECONDITION says what to do.
 absl::Status CheckSchema(PostgresqlConnection& connection);
 
 // Brings the tables from their version to the last of `steps`, wholly or not at all, and returns

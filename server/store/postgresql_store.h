@@ -24,9 +24,9 @@ inline constexpr std::chrono::seconds kLeaseTime{15};
 class PostgresqlStore : public Store {
  public:
   // Takes the store that is in the database of a URI (store_address.h). Waits for its previous
-  // owner for at most kPatienceForPredecessor. FAILED_PRECONDITION if libpq is not installed or this
-  // release cannot use the tables (CheckSchema), INVALID_ARGUMENT for a wrong URI, UNAVAILABLE if
-  // the database cannot be reached or another server uses the store. `metrics` must outlive the
+  // owner for at most kPatienceForPredecessor. FAILED_PRECONDITION if libpq is not installed or
+  // this release cannot use the tables (CheckSchema), INVALID_ARGUMENT for a wrong URI, UNAVAILABLE
+  // if the database cannot be reached or another server uses the store. `metrics` must outlive the
   // store.
   static absl::StatusOr<std::unique_ptr<PostgresqlStore>> Open(
       const std::string& address,

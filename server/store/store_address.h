@@ -10,8 +10,9 @@
 namespace maneuver::store {
 
 // Checks the value of --store: empty for the embedded store, or a URI of libpq that begins with
-// postgresql:// or postgres://. INVALID_ARGUMENT for anything else, for a URI that holds a password,
-// and for one whose parameters have escaped names, which could. Messages never repeat the URI.
+// postgresql:// or postgres://. INVALID_ARGUMENT for anything else, for a URI that holds a
+// password, and for one whose parameters have escaped names, which could. Messages never repeat the
+// URI.
 absl::Status CheckStoreAddress(const std::string& address);
 
 }  // namespace maneuver::store

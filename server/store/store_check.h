@@ -25,8 +25,8 @@ struct StoreContents {
   std::string ToString() const;
 };
 
-// Reads every job, event, alias and manifest of a dataset, compares each with its checksum, and counts them. DATA_LOSS for
-// the first one that is damaged; other errors: those of the store.
+// Reads every job, event, alias and manifest of a dataset, compares each with its checksum, and
+// counts them. DATA_LOSS for the first one that is damaged; other errors: those of the store.
 absl::StatusOr<StoreContents> CheckStore(Store& store);
 
 }  // namespace maneuver::store

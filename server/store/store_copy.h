@@ -1,5 +1,5 @@
-// Brings jobs and aliases from the embedded store of a data folder into PostgreSQL. The first server
-// over it adds the folder's versions and datasets to their ledgers.
+// Brings jobs and aliases from the embedded store of a data folder into PostgreSQL. The first
+// server over it adds the folder's versions and datasets to their ledgers.
 
 #ifndef MANEUVER_SERVER_STORE_STORE_COPY_H_
 #define MANEUVER_SERVER_STORE_STORE_COPY_H_
@@ -17,9 +17,9 @@ namespace maneuver::store {
 // caller holds the lock of the folder.
 //
 // A copy that was cut off is continued by another call. NOT_FOUND if the folder has no embedded
-// store; FAILED_PRECONDITION if the database already holds jobs, aliases or datasets, or this release cannot
-// use its tables (CheckSchema); UNAVAILABLE if another process holds the database, or it cannot be
-// reached; DATA_LOSS if a row is damaged, or the stores differ in the end.
+// store; FAILED_PRECONDITION if the database already holds jobs, aliases or datasets, or this
+// release cannot use its tables (CheckSchema); UNAVAILABLE if another process holds the database,
+// or it cannot be reached; DATA_LOSS if a row is damaged, or the stores differ in the end.
 absl::StatusOr<StoreContents> CopyStore(const std::filesystem::path& data_dir,
                                         const std::string& address);
 

@@ -15,8 +15,8 @@ struct StoreMigration {
 };
 
 // Brings the tables in the database of `address` to the latest version, wholly or not at all.
-// FAILED_PRECONDITION if they have later steps that are not additions (SchemaStep). UNAVAILABLE if a
-// server uses the store, unless it shares it and the tables lack additions alone.
+// FAILED_PRECONDITION if they have later steps that are not additions (SchemaStep). UNAVAILABLE if
+// a server uses the store, unless it shares it and the tables lack additions alone.
 absl::StatusOr<StoreMigration> MigrateStore(const std::string& address);
 
 }  // namespace maneuver::store

@@ -1,5 +1,5 @@
-// Encodes jobs and manifests for storage, and makes the errors of a job store, for any database. Private to the
-// stores.
+// Encodes jobs and manifests for storage, and makes the errors of a job store, for any database.
+// Private to the stores.
 
 #ifndef MANEUVER_SERVER_STORE_STORED_JOB_H_
 #define MANEUVER_SERVER_STORE_STORED_JOB_H_
@@ -28,8 +28,8 @@ std::string StoredJob(v1::Job job);
 std::string StoredProgress(const v1::JobProgress& progress);
 std::string StoredDataset(const v1::Dataset& manifest);
 
-// Returns the event of a row. DATA_LOSS if its CRC does not match, it does not parse, or its sequence
-// differs.
+// Returns the event of a row. DATA_LOSS if its CRC does not match, it does not parse, or its
+// sequence differs.
 //   sequence: the column of the row
 absl::StatusOr<v1::JobProgress> ParseStoredProgress(int64_t sequence, const std::string& bytes);
 // The columns of a row that repeat what its job says.

@@ -17,8 +17,8 @@ struct QueryPlan {
 // Returns the plans of the statements that stores ran, in order, those of foreign keys among them.
 std::vector<QueryPlan> ReadPlans(const std::filesystem::path& log);
 
-// Returns whether a statement read a table of jobs, progress, aliases, versions or datasets without an index,
-// or read more than 100 rows that it then discarded.
+// Returns whether a statement read a table of jobs, progress, aliases, versions or datasets without
+// an index, or read more than 100 rows that it then discarded.
 bool ReadsRowsInVain(const QueryPlan& plan);
 
 // Returns whether PostgreSQL compiled code for a statement, which takes longer than any of these.

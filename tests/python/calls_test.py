@@ -306,6 +306,7 @@ class Datasets(dataset_service_pb2_grpc.DatasetServiceServicer):
         self.uploads = 0
         self.broken_uploads = 1
         self.keeps = True
+        self.is_damaged = False  # what was kept before, which the first upload finds out
         self.before_break = lambda: None
 
     def QueryUpload(self, request, context):
@@ -321,6 +322,9 @@ class Datasets(dataset_service_pb2_grpc.DatasetServiceServicer):
             if self.uploads <= self.broken_uploads and count == 2:
                 self.before_break()
                 context.abort(grpc.StatusCode.UNAVAILABLE, "broken")
+        if self.is_damaged:
+            self.kept, self.is_damaged = b"", False
+            context.abort(grpc.StatusCode.DATA_LOSS, "another SHA-256")
         return v1.Dataset(name=header.name)
 
 
@@ -559,9 +563,12 @@ class CallsTest(unittest.TestCase):
             passing.waits.append(600.0)
 
         self.training.stays_silent = stays_silent
-        jobs = list(self.client(clock=passing.clock()).watch_job("jobs/a"))
+        told = []
+        client = self.client(clock=passing.clock(), on_retry=lambda error, wait: told.append(wait))
+        jobs = list(client.watch_job("jobs/a"))
         self.assertEqual([job.progress.sequence for job in jobs], [1, 2, 3, 4])
         self.assertEqual(self.training.asked_after, [0, 1, 1, 1, 2, 3])
+        self.assertEqual(told, [0.001, 0.002])  # the two silent ones
 
     CONTENT = b"".join(b"%015d\n" % line for line in range(131072))  # 2 MiB, four chunks
 
@@ -596,6 +603,27 @@ class CallsTest(unittest.TestCase):
         with self.assertRaises(maneuver.UnavailableError):
             self.upload(clock=passing.clock())
         self.assertEqual(self.datasets.uploads, 2)
+
+    def test_an_upload_waits_longer_while_nothing_arrives_and_tells(self):
+        self.datasets.broken_uploads, self.datasets.keeps = 3, False
+        passing, told = Clock(), []
+        self.upload(clock=passing.clock(), on_retry=lambda error, wait: told.append(wait))
+        self.assertEqual(told, [0.001, 0.002, 0.004])
+        self.assertEqual(passing.waits, told)
+
+    def test_an_upload_that_starts_clean_counts_what_arrives_from_there(self):
+        self.datasets.kept, self.datasets.is_damaged = b"?" * (len(self.CONTENT) - 1), True
+        self.datasets.broken_uploads = 3  # the first one is too short to break
+        passing = Clock()
+        self.upload(clock=passing.clock())
+        self.assertEqual(self.datasets.kept, self.CONTENT)
+        self.assertEqual(passing.waits, [0.001, 0.001])  # two chunks arrived between them
+
+    def test_a_download_waits_longer_while_nothing_arrives(self):
+        self.models.breaks_after = [1, 0, 0]
+        passing = Clock()
+        self.download(clock=passing.clock())
+        self.assertEqual(passing.waits, [0.001, 0.002, 0.004])
 
     def test_refuses_a_folder_that_is_not_whole(self):
         with tempfile.TemporaryDirectory() as folder:

@@ -12,7 +12,7 @@ from maneuver.credentials import ServerAddress, Tls, authorization, channel_cred
 from maneuver.credentials import parse_address
 from maneuver.errors import (CancelledError, DeadlineExceededError, ManeuverError,
                              UnavailableError, from_rpc)
-from maneuver.retry import Clock, OnRetry, RetryPolicy, retry
+from maneuver.retry import Clock, OnRetry, RetryPolicy, backoff_after, retry
 from maneuver.v1.admin_service_pb2_grpc import AdminServiceStub
 from maneuver.v1.dataset_service_pb2_grpc import DatasetServiceStub
 from maneuver.v1.model_service_pb2_grpc import ModelServiceStub
@@ -129,6 +129,19 @@ class Connection:
             raise DeadlineExceededError(grpc.StatusCode.DEADLINE_EXCEEDED,
                                         "the call's time was up before it was sent")
         return seconds
+
+    def pause(self, failure: ManeuverError, failures: int, give_up: float) -> None:
+        """Waits before another attempt, after failure number `failures` in a row.
+
+        Tells `on_retry` before. Raises the failure if the wait would pass `give_up` (on the clock).
+        """
+        wait = max(backoff_after(self.retries, failures, self.clock.uniform()),
+                   failure.retry_delay or 0.0)
+        if self.clock.now() + wait >= give_up:
+            raise failure
+        if self.on_retry is not None:
+            self.on_retry(failure, wait)
+        self.clock.sleep(wait)
 
     def call(self, method: Callable[..., _Answer], request: object, deadline: float, *,
              repeatable: bool = True) -> _Answer:

@@ -85,7 +85,7 @@ class FileDownload:
         """
         connection = self._connection
         give_up = min(deadline, connection.clock.now() + PATIENCE)
-        attempts = 0  # since the last byte that arrived
+        failures = 0  # since the last byte that arrived
         may_start_clean = True
         while True:
             before = sum(self._arrived())
@@ -95,17 +95,12 @@ class FileDownload:
                 assert self._header is not None
                 return self._kind.resource_of(self._header)
             except UnavailableError as failure:
-                attempts += 1
+                failures += 1
                 if sum(self._arrived()) > before:
-                    attempts, give_up = 0, min(deadline, connection.clock.now() + PATIENCE)
-                wait = connection.retries.initial_backoff
-                has_begun = self._header is not None
-                if (connection.clock.now() + wait >= give_up
-                        or (not has_begun and attempts >= connection.retries.max_attempts)):
+                    failures, give_up = 1, min(deadline, connection.clock.now() + PATIENCE)
+                if self._header is None and failures >= connection.retries.max_attempts:
                     raise
-                if connection.on_retry is not None:
-                    connection.on_retry(failure, wait)
-                connection.clock.sleep(wait)
+                connection.pause(failure, failures, give_up)
             except (DataLossError, InvalidArgumentError):
                 # What lay here was wrong, and is gone now; or what is sent has changed since.
                 if not may_start_clean:

@@ -31,6 +31,7 @@ class Watch:
         self._connection = connection
         self._request = v1.WatchJobRequest(name=name, after_sequence=after_sequence)
         self._deadline = deadline
+        self._silent = 0  # streams in a row that were accepted, and broke without an event
 
     def events(self) -> Iterator[v1.Job]:
         """Yields the job at each event; the last one has ended. Raises ManeuverError."""
@@ -67,7 +68,9 @@ class Watch:
             accepted = self._connection.clock.now()
             error: ManeuverError
             try:
-                return stream, next(stream).job
+                job = next(stream).job
+                self._silent = 0
+                return stream, job
             except StopIteration:
                 error = UnavailableError(grpc.StatusCode.UNAVAILABLE,
                                          "the server stopped telling of the job")
@@ -76,6 +79,8 @@ class Watch:
             stood = self._connection.clock.now() - accepted >= STANDING
             # A server that refuses says why, which may take it a while; a broken stream says nothing.
             if stood and isinstance(error, UnavailableError) and not error.reason:
+                self._silent += 1
+                self._connection.pause(error, self._silent, self._deadline)
                 return stream, None
             raise error
 

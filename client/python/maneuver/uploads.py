@@ -67,6 +67,7 @@ class Upload(abc.ABC, Generic[_Committed]):
         """Returns the answer once everything is committed. Raises ManeuverError."""
         connection = self._connection
         give_up = min(deadline, connection.clock.now() + PATIENCE)
+        failures = 0  # since the last byte that arrived
         may_start_clean = True
         most_arrived = 0
         while True:
@@ -81,17 +82,19 @@ class Upload(abc.ABC, Generic[_Committed]):
                 earned = there > most_arrived or not self._has_sent
                 most_arrived = max(most_arrived, there)
                 return self._send(arrived, deadline)
-            except UnavailableError:
+            except UnavailableError as failure:
+                failures += 1
                 if earned:  # counts from here: what was sent may have taken longer
-                    give_up = min(deadline, connection.clock.now() + PATIENCE)
-                if not self._has_sent or connection.clock.now() >= give_up:
+                    failures, give_up = 1, min(deadline, connection.clock.now() + PATIENCE)
+                if not self._has_sent:
                     raise
-                connection.clock.sleep(connection.retries.initial_backoff)
+                connection.pause(failure, failures, give_up)
             except DataLossError:
                 # What lay there from before was wrong, and is gone now.
                 if there == 0 or not may_start_clean:
                     raise
                 may_start_clean = False
+                most_arrived = 0
 
     def _send(self, arrived: Sequence[int], deadline: float) -> _Committed:
         """Sends what has not arrived."""

@@ -43,9 +43,9 @@ struct NuScenesScene {
 //     ahead of them.
 //   - Other ids are 52 bits of a hash of the instance's token. An instance with one annotation
 //     alone has no velocity and is left out.
-//   - Types: vehicle.* is a vehicle, also a motorcycle. vehicle.bicycle is a cyclist, unless all its
-//     annotations say that nobody rides it. human.pedestrian.* is a pedestrian, except strollers
-//     and personal mobility. All else is of another type: barriers, cones, animals.
+//   - Types: vehicle.* is a vehicle, also a motorcycle. vehicle.bicycle is a cyclist, unless all
+//     its annotations say that nobody rides it. human.pedestrian.* is a pedestrian, except
+//     strollers and personal mobility. All else is of another type: barriers, cones, animals.
 //   - prediction_time: 2 s after the beginning, the history that the dataset's prediction task has.
 //     No targets. No signals: the dataset does not say what lights show.
 //   map: the surroundings of the recording car's path; null: no map

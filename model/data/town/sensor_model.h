@@ -1,5 +1,5 @@
-// Simulates what a sensor at the middle of a place reports about tracks. The noise of a road user at
-// rest is a fifth of that of others.
+// Simulates what a sensor at the middle of a place reports about tracks. The noise of a road user
+// at rest is a fifth of that of others.
 
 #ifndef MANEUVER_MODEL_DATA_TOWN_SENSOR_MODEL_H_
 #define MANEUVER_MODEL_DATA_TOWN_SENSOR_MODEL_H_

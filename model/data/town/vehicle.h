@@ -87,8 +87,8 @@ void LookAhead(const LaneNetwork& graph, Vehicle& vehicle);
 // Returns the distance from the centre to the start of step `step` of the route, metres.
 double DistanceToStep(const LaneNetwork& graph, const Vehicle& vehicle, size_t step);
 
-// Moves by a time step of `dt` seconds at the present speed and acceleration. Returns false when the
-// route has ended.
+// Moves by a time step of `dt` seconds at the present speed and acceleration. Returns false when
+// the route has ended.
 bool Advance(const LaneNetwork& graph, double dt, Vehicle& vehicle);
 
 // Sets pose and lateral offset from the route, and the body's heading too if `align`.

@@ -113,15 +113,20 @@ class FusedBatchNormRelu : public torch::autograd::Function<FusedBatchNormRelu> 
 
 }  // namespace
 
+at::Tensor BatchNormOfBatch(const at::Tensor& x, const BatchNorm& norm) {
+  const bool is_single = x.numel() == x.size(1);
+  return at::batch_norm(x, norm.weight, norm.bias, norm.running_mean,
+                        is_single ? norm.running_var.clone() : norm.running_var,
+                        /*training=*/true, kBatchNormMomentum, kBatchNormEpsilon,
+                        /*cudnn_enabled=*/true);
+}
+
 at::Tensor BatchNormRelu(const at::Tensor& x, const BatchNorm& norm) {
   if (x.is_cpu() && x.numel() > x.size(1)) {
     return FusedBatchNormRelu::apply(x, norm.weight, norm.bias, norm.running_mean,
                                      norm.running_var);
   }
-  return at::batch_norm(x, norm.weight, norm.bias, norm.running_mean, norm.running_var,
-                        /*training=*/true, kBatchNormMomentum, kBatchNormEpsilon,
-                        /*cudnn_enabled=*/true)
-      .relu();
+  return BatchNormOfBatch(x, norm).relu();
 }
 
 }  // namespace maneuver::learning

@@ -16,8 +16,13 @@ struct BatchNorm {
 inline constexpr double kBatchNormMomentum = 0.1;
 inline constexpr double kBatchNormEpsilon = 1e-5;  // artifact/tensor.h
 
-// Returns max(0, at::batch_norm(x)) with the moments of x, and updates the running moments. On the
-// CPU each direction takes two passes over memory and never stores the input of the ReLU.
+// Returns at::batch_norm(x) with the moments of x, and updates the running moments. A single cell
+// has no unbiased variance, for which PyTorch would store NaN: running_var then stays as it is.
+//   x: [B, C, h, w];  returns: the same shape
+at::Tensor BatchNormOfBatch(const at::Tensor& x, const BatchNorm& norm);
+
+// Returns max(0, BatchNormOfBatch(x)), and updates the running moments. On the CPU each direction
+// takes two passes over memory and never stores the input of the ReLU.
 //   x: [B, C, h, w];  returns: the same shape, channels last on the CPU
 at::Tensor BatchNormRelu(const at::Tensor& x, const BatchNorm& norm);
 

@@ -13,8 +13,8 @@ namespace maneuver::learning {
 inline constexpr char kMixturePhase[] = "mixture";
 
 // Learns the base objective with a p(y) that does not depend on the scenario. With a prior on the
-// weights (dirichlet_weights.h), then switches off the actions that are not needed. Errors are those
-// of EpochLoop::Run.
+// weights (dirichlet_weights.h), then switches off the actions that are not needed. Errors are
+// those of EpochLoop::Run.
 absl::Status TrainMixture(LearningState& state, EpochLoop& loop);
 
 // Learns the same for `epochs` epochs as a part of `phase`, which the caller has begun, without

@@ -20,9 +20,9 @@
 
 namespace maneuver::learning {
 
-// Reads the batches of each epoch in order. If the data fit in memory, the order is the one that the
-// loop has drawn. If they do not, an epoch goes through windows of recordings (epoch_windows.h): the
-// next window is read while this one is learned from. Not thread-safe.
+// Reads the batches of each epoch in order. If the data fit in memory, the order is the one that
+// the loop has drawn. If they do not, an epoch goes through windows of recordings
+// (epoch_windows.h): the next window is read while this one is learned from. Not thread-safe.
 class SceneBatches {
  public:
   //   spec: of the model that reads the batches;  state: must outlive the batches

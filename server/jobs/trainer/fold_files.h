@@ -18,8 +18,9 @@ namespace maneuver::trainer {
 // run. To the supervisor they are checkpoints: see ../trainer_protocol.h.
 class FoldFiles {
  public:
-  // Reads the files, and creates the folder if it is missing. The error (errno_status.h) of a folder
-  // that cannot be created. DATA_LOSS if a file is damaged or belongs to another cross-validation.
+  // Reads the files, and creates the folder if it is missing. The error (errno_status.h) of a
+  // folder that cannot be created. DATA_LOSS if a file is damaged or belongs to another
+  // cross-validation.
   //   plan: the plan of this cross-validation
   static absl::StatusOr<FoldFiles> Open(std::filesystem::path folder, v1::CrossValidationPlan plan);
 

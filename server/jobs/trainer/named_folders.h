@@ -18,7 +18,8 @@ absl::Status OfFolder(const absl::Status& status, const std::filesystem::path& f
 absl::Status CheckDatasets(const std::vector<std::filesystem::path>& folders);
 
 // Makes sure that a file or folder can be written when there is something to write: makes the
-// folders that it lies in, and an empty folder beside it for a moment. PERMISSION_DENIED, or RESOURCE_EXHAUSTED if the disk is full.
+// folders that it lies in, and an empty folder beside it for a moment. PERMISSION_DENIED, or
+// RESOURCE_EXHAUSTED if the disk is full.
 absl::Status PrepareOutput(const std::filesystem::path& output);
 
 }  // namespace maneuver::trainer

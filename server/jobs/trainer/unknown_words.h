@@ -8,8 +8,8 @@
 
 namespace maneuver {
 
-// Returns "there is no option --dataste", or "there is no command trian"; empty if the program knows
-// all words. To be called after parsing has failed: CLI11 would rather say what is missing.
+// Returns "there is no option --dataste", or "there is no command trian"; empty if the program
+// knows all words. To be called after parsing has failed: CLI11 would rather say what is missing.
 inline std::string UnknownWord(const CLI::App& app) {
   for (const std::string& word : app.remaining(/*recurse=*/true)) {
     if (word == "--") continue;

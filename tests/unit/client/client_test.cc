@@ -10,6 +10,7 @@
 #include <set>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "client/error_details.h"
@@ -248,6 +249,25 @@ TEST(ClientTest, AStreamOfOutcomesDoesNotWaitForeverForAServerThatDoesNotRead) {
   over.set_value();
 }
 
+TEST(ClientTest, AStreamOfOutcomesDoesNotWaitForeverForItsEnd) {
+  std::promise<void> over;
+  std::atomic<bool> has_ended = false;
+  TestServer server;
+  server.on_stream_outcomes = [&](OutcomeServerStream* stream) {
+    v1::StreamOutcomesRequest request;
+    while (stream->Read(&request)) AnswerReport(request.report(), stream);
+    over.get_future().wait_for(std::chrono::seconds(30));
+    has_ended = true;
+    return grpc::Status::OK;
+  };
+  const auto client = ConnectTo(server.address());
+  const auto stream = client->StreamOutcomes(nullptr, {.timeout = absl::Seconds(2)});
+  EXPECT_TRUE(stream->Send(ReportOf(1)).ok());
+  EXPECT_TRUE(stream->Finish().ok());
+  EXPECT_FALSE(has_ended);
+  over.set_value();
+}
+
 TEST(ClientTest, ACancelledStreamOfOutcomesEnds) {
   TestServer server;
   Cancellation cancellation;
@@ -364,15 +384,16 @@ TEST(ClientTest, WatchContinuesAfterABrokenStreamWithoutRepeatingEvents) {
 }
 
 // A client that picks up a broken watch for 300 ms.
-std::unique_ptr<Client> ConnectImpatiently(const std::string& address) {
+std::unique_ptr<Client> ConnectImpatiently(const std::string& address, OnRetry on_retry = {}) {
   ClientOptions options;
+  options.on_retry = std::move(on_retry);
   options.address = address;
   options.retry = {.initial_backoff = absl::Milliseconds(1), .max_backoff = absl::Milliseconds(2)};
   options.watch_patience = absl::Milliseconds(300);
   return *Client::Connect(options);
 }
 
-TEST(ClientTest, WatchContinuesAfterSilentStreamsThatWereAccepted) {
+TEST(ClientTest, WatchContinuesAndWaitsAfterSilentStreamsThatWereAccepted) {
   TestServer server;
   std::atomic<int> streams = 0;
   server.on_watch = [&](const auto&, auto* writer) {
@@ -388,10 +409,13 @@ TEST(ClientTest, WatchContinuesAfterSilentStreamsThatWereAccepted) {
     }
     return stream == 4 ? grpc::Status::OK : Unavailable();
   };
-  const auto job = ConnectImpatiently(server.address())->WatchJob({}, nullptr);
+  int waits = 0;
+  const auto count = [&](const absl::Status&, absl::Duration) { ++waits; };
+  const auto job = ConnectImpatiently(server.address(), count)->WatchJob({}, nullptr);
   ASSERT_TRUE(job.ok()) << job.status();
   EXPECT_EQ(job->state(), v1::JOB_STATE_SUCCEEDED);
   EXPECT_EQ(streams, 4);
+  EXPECT_EQ(waits, 2);  // the first stream had an event
 }
 
 TEST(ClientTest, WatchEndsIfTheServerAcceptsNoStreamAnyMore) {
@@ -587,6 +611,36 @@ TEST_F(UploadTest, SendsADamagedPartAgainOnce) {
   EXPECT_TRUE(
       absl::IsDataLoss(client->UploadDataset(folder_.path(), "datasets/x", nullptr).status()));
   EXPECT_EQ(losses, 2);
+}
+
+TEST_F(UploadTest, CountsWhatArrivesAfterACleanStartAsProgress) {
+  TestServer server;
+  // The first upload is too short to break off.
+  ServerThatBreaksOff keeper(server, {2, 2, 2});
+  const auto upload = server.on_upload;
+  keeper.kept = std::string(1'200'000, '?');
+  bool is_damaged = true;
+  server.on_upload = [&](auto* reader, v1::Dataset* dataset) {
+    const grpc::Status status = upload(reader, dataset);
+    if (!std::exchange(is_damaged, false)) return status;
+    keeper.kept.clear();
+    return grpc::Status(grpc::StatusCode::DATA_LOSS, "another SHA-256");
+  };
+  int waits = 0;
+  ClientOptions options;
+  options.address = server.address();
+  options.retry.initial_backoff = absl::Milliseconds(1);
+  options.on_retry = [&](const absl::Status&, absl::Duration) { ++waits; };
+  UploadProgress last;
+  const auto dataset = (*Client::Connect(options))
+                           ->UploadDataset(folder_.path(), "datasets/x",
+                                           [&](const UploadProgress& now) { last = now; });
+  ASSERT_TRUE(dataset.ok()) << dataset.status();
+  EXPECT_EQ(keeper.uploads, 4u);
+  EXPECT_EQ(keeper.kept, shard_);
+  EXPECT_EQ(waits, 1);  // before the first byte of the clean start
+  EXPECT_EQ(last.resumed, 0);
+  EXPECT_EQ(last.there, last.total);
 }
 
 TEST_F(UploadTest, ReturnsTheServersError) {

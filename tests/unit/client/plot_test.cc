@@ -10,6 +10,7 @@
 #include "client/plot/axes.h"
 #include "client/plot/canvas.h"
 #include "client/plot/label_placer.h"
+#include "client/plot/picture_size.h"
 #include "client/plot/recordings_plot.h"
 #include "client/plot/scene_plot.h"
 #include "client/plot/share_plot.h"
@@ -368,6 +369,17 @@ TEST(ScenePlotTest, RefusesWhatItCannotDraw) {
   EXPECT_TRUE(absl::IsInvalidArgument(DrawScene(Scene(), Answer(0.9), tiny).status()));
 }
 
+TEST(PictureSizeTest, ManyPanelsBecomeSmaller) {
+  const PictureSize most = SizeFor(ShapeOf(144), 1000.0, 700.0);
+  EXPECT_EQ(most.width, 12'000);
+  EXPECT_EQ(most.height, 8'400);
+  for (const int panels : {145, 1'000, 5'000}) {
+    const PictureSize size = SizeFor(ShapeOf(panels), 1000.0, 700.0);
+    EXPECT_TRUE(CheckSize(size.width, size.height).ok()) << panels;
+    EXPECT_GT(size.width, 11'900) << panels;
+  }
+}
+
 TEST(ScenePlotTest, DrawsASceneAMillionMetresAwayTheSame) {
   v1::Scenario far = Scene();
   for (v1::AgentState& state : *far.mutable_agents(0)->mutable_states()) {
@@ -480,6 +492,29 @@ TEST(ActionGalleryPlotTest, DrawsAPanelForEachSpeed) {
   cv::Mat rest = other.clone();
   picture(panel).copyTo(rest(panel));
   EXPECT_EQ(cv::norm(picture, rest, cv::NORM_INF), 0.0);
+}
+
+TEST(ActionGalleryPlotTest, ItsLegendListsWhatFitsWithoutOverlap) {
+  v1::ActionSet set;
+  for (int id = 0; id < 100; ++id) {
+    v1::Action* action = set.add_actions();
+    action->set_action_id(id);
+    *action->mutable_distribution() = Answer(0.5).targets(0).distributions(0);
+  }
+  set.set_speed(10.0);
+  const cv::Mat picture = Decode(*DrawActionGallery({&set, 1}, {}));
+  // Where the ids are, at the right of the panels: blank rows part them.
+  const cv::Mat ids = picture(cv::Rect(1288, 80, 16, 910));
+  const cv::Mat blank(1, ids.cols, ids.type(), cv::Scalar::all(255));
+  int lines = 0;
+  bool was_blank = true;
+  for (int y = 0; y < ids.rows; ++y) {
+    const bool is_blank = cv::norm(ids.row(y), blank, cv::NORM_INF) < 4.0;
+    lines += was_blank && !is_blank ? 1 : 0;
+    was_blank = is_blank;
+  }
+  EXPECT_GT(lines, 60);
+  EXPECT_LT(lines, 100);
 }
 
 TEST(ActionGalleryPlotTest, LeavesOutActionsThatAreNotEffective) {

@@ -86,6 +86,25 @@ TEST_P(BatchNormReluGridTest, AgreesWithPyTorch) {
   EXPECT_LE(Difference(norm.bias.grad(), exact_norm.bias.grad()), most);
 }
 
+// A micro-batch may have one example, and the last grid one cell.
+TEST_F(BatchNormReluTest, ASingleCellLeavesTheRunningVarianceAndIsFinite) {
+  at::manual_seed(1);
+  for (const auto& normalize : {BatchNormOfBatch, BatchNormRelu}) {
+    const at::Tensor x = at::randn({1, 8, 1, 1}).requires_grad_();
+    const BatchNorm norm = RandomNorm(8, 0.0);
+    const BatchNorm before = {norm.weight, norm.bias, norm.running_mean.clone(),
+                              norm.running_var.clone()};
+    const at::Tensor y = normalize(x, norm);
+    y.sum().backward();
+    EXPECT_TRUE(y.isfinite().all().item<bool>());
+    EXPECT_TRUE(x.grad().isfinite().all().item<bool>());
+    EXPECT_TRUE(at::equal(norm.running_var, before.running_var));
+    const at::Tensor mean =
+        before.running_mean + kBatchNormMomentum * (x.detach().reshape({8}) - before.running_mean);
+    EXPECT_LE(Difference(norm.running_mean, mean.to(at::kDouble)), 1e-6);
+  }
+}
+
 // A loss must not stay finite when something before it is not.
 TEST_F(BatchNormReluTest, KeepsNaN) {
   at::manual_seed(1);

@@ -253,6 +253,20 @@ TEST_F(ShardTagsTest, AWriterWithoutACommitLeavesNothing) {
   EXPECT_EQ(std::distance(fs::directory_iterator(other), {}), 1);  // schema.json
 }
 
+TEST_F(ShardTagsTest, AWriterLeavesWhatIsWrittenOfAShardWhoseNameBeginsLikeItsOwn) {
+  const fs::path other = folder_.path() / "other";
+  const Schema schema = *PrepareTagFolder(other, SmallSchema());
+  const std::vector<std::string> kept = {".town-a.b.csv.gz.tmp-77", ".town-a.b.tags.tmp-0123456789",
+                                         ".town-a.csv.gz.tmp-7.csv.gz.tmp-77"};
+  const std::vector<std::string> removed = {".town-a.csv.gz.tmp-77", ".town-a.tags.tmp-0123456789"};
+  for (const auto& names : {kept, removed}) {
+    for (const std::string& name : names) std::ofstream(other / name) << "unfinished";
+  }
+  { const auto writer = ShardTagsWriter::Create(other, schema, file()); }
+  for (const std::string& name : kept) EXPECT_TRUE(fs::exists(other / name)) << name;
+  for (const std::string& name : removed) EXPECT_FALSE(fs::exists(other / name)) << name;
+}
+
 // Returns a file without its last four columns, whose head says so.
 std::string OfFormat1(const std::string& bytes, const std::string& schema_sha256) {
   TagHead head = HeadOf(bytes);
