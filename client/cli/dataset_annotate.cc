@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "client/cli/command.h"
+#include "client/cli/interrupt.h"
 #include "client/cli/table.h"
 #include "client/cli/text_format.h"
 #include "model/data/label_file.h"
@@ -36,8 +37,10 @@ int AnnotateDataset(const AnnotateArguments& arguments, Environment& environment
   const auto labels = data::CheckLabels(*text, arguments.folder, actions);
   if (!labels.ok()) return environment.Fail(labels.status());
   if (labels->problem_count > 0) return RefuseLabels(arguments.labels, *labels, environment);
-  const auto dataset =
-      data::AnnotateDataset(arguments.folder, labels->annotations, arguments.output);
+  const Interrupt interrupt([] {});
+  const auto dataset = data::AnnotateDataset(arguments.folder, labels->annotations,
+                                             arguments.output,
+                                             [&interrupt] { return interrupt.happened(); });
   if (!dataset.ok()) return environment.Fail(dataset.status());
   if (environment.json()) {
     environment.PrintJson(*dataset);

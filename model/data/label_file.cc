@@ -214,9 +214,11 @@ std::string FreeShardName(const v1::Dataset& manifest) {
 
 absl::Status FillAnnotated(const std::filesystem::path& folder,
                            const std::vector<v1::ManeuverAnnotation>& annotations,
-                           const std::filesystem::path& temporary, v1::Dataset* manifest) {
+                           const std::filesystem::path& temporary,
+                           const std::function<bool()>& stops, v1::Dataset* manifest) {
   std::error_code error;
   for (const v1::Shard& shard : manifest->shards()) {
+    if (stops && stops()) return absl::CancelledError("interrupted");
     std::filesystem::create_hard_link(folder / shard.file(), temporary / shard.file(), error);
     if (error) std::filesystem::copy_file(folder / shard.file(), temporary / shard.file(), error);
     if (error) return files::ErrnoStatus(error.value(), "copy", shard.file());
@@ -258,13 +260,14 @@ absl::StatusOr<CheckedLabels> CheckLabels(std::string_view text,
 
 absl::StatusOr<v1::Dataset> AnnotateDataset(const std::filesystem::path& folder,
                                             const std::vector<v1::ManeuverAnnotation>& annotations,
-                                            const std::filesystem::path& output) {
+                                            const std::filesystem::path& output,
+                                            const std::function<bool()>& stops) {
   if (annotations.empty()) return absl::InvalidArgumentError("there are no labels to add");
   auto manifest = ReadDatasetManifest(folder);
   if (!manifest.ok()) return manifest.status();
   auto temporary = files::MakeTemporaryFolderFor(output);
   if (!temporary.ok()) return temporary.status();
-  absl::Status status = FillAnnotated(folder, annotations, *temporary, &*manifest);
+  absl::Status status = FillAnnotated(folder, annotations, *temporary, stops, &*manifest);
   if (status.ok()) status = files::PublishFolder(*temporary, output);
   if (!status.ok()) {
     std::error_code ignored;

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <set>
 #include <string>
 #include <string_view>
@@ -56,9 +57,11 @@ absl::StatusOr<CheckedLabels> CheckLabels(std::string_view text,
 // Makes a new dataset folder from the shards of `folder` and one shard with these annotations.
 // Leaves `folder` unchanged; both share files if the file system can. ALREADY_EXISTS if `output`
 // exists; INVALID_ARGUMENT without annotations; errors of ReadDatasetManifest and of files.
+//   stops: asked before each shard; CANCELLED once it is true, and nothing is left. Empty: never
 absl::StatusOr<v1::Dataset> AnnotateDataset(const std::filesystem::path& folder,
                                             const std::vector<v1::ManeuverAnnotation>& annotations,
-                                            const std::filesystem::path& output);
+                                            const std::filesystem::path& output,
+                                            const std::function<bool()>& stops = {});
 
 }  // namespace maneuver::data
 
