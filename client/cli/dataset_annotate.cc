@@ -38,9 +38,9 @@ int AnnotateDataset(const AnnotateArguments& arguments, Environment& environment
   if (!labels.ok()) return environment.Fail(labels.status());
   if (labels->problem_count > 0) return RefuseLabels(arguments.labels, *labels, environment);
   const Interrupt interrupt([] {});
-  const auto dataset = data::AnnotateDataset(arguments.folder, labels->annotations,
-                                             arguments.output,
-                                             [&interrupt] { return interrupt.happened(); });
+  const auto dataset =
+      data::AnnotateDataset(arguments.folder, labels->annotations, arguments.output,
+                            [&interrupt] { return interrupt.happened(); });
   if (!dataset.ok()) return environment.Fail(dataset.status());
   if (environment.json()) {
     environment.PrintJson(*dataset);

@@ -10,8 +10,8 @@
 namespace maneuver::rpc {
 
 // Uploads, registers, describes, reads and deletes datasets.
-class DatasetService final
-    : public v1::DatasetService::WithRawCallbackMethod_UploadDataset<v1::DatasetService::CallbackService> {
+class DatasetService final : public v1::DatasetService::WithRawCallbackMethod_UploadDataset<
+                                 v1::DatasetService::CallbackService> {
  public:
   // All arguments must outlive the service. The .cc defines the constructor and the destructor, for
   // the reason that admin_service.h gives.

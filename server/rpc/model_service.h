@@ -11,8 +11,8 @@
 namespace maneuver::rpc {
 
 // Lists, copies and deletes versions, moves aliases, labels actions and returns evaluations.
-class ModelService final
-    : public v1::ModelService::WithRawCallbackMethod_UploadModelVersion<v1::ModelService::CallbackService> {
+class ModelService final : public v1::ModelService::WithRawCallbackMethod_UploadModelVersion<
+                               v1::ModelService::CallbackService> {
  public:
   // All arguments must outlive the service. `table` must be the table of `store`. The .cc defines
   // the constructor and the destructor, for the reason that admin_service.h gives.

@@ -156,9 +156,10 @@ TEST_F(LabelFileTest, CreatesNoFolderWhenItFails) {
       AnnotateDataset(folder_ / "town", labels.annotations, folder_ / "town").status()));
   EXPECT_FALSE(AnnotateDataset(folder_ / "none", labels.annotations, folder_ / "new").ok());
   EXPECT_FALSE(AnnotateDataset(folder_ / "town", {}, folder_ / "new").ok());
-  EXPECT_TRUE(absl::IsCancelled(
-      AnnotateDataset(folder_ / "town", labels.annotations, folder_ / "new", [] { return true; })
-          .status()));
+  EXPECT_TRUE(
+      absl::IsCancelled(AnnotateDataset(folder_ / "town", labels.annotations, folder_ / "new", [] {
+                          return true;
+                        }).status()));
   int names = 0;
   for ([[maybe_unused]] const auto& entry :
        std::filesystem::directory_iterator(folder_ / "town" / "..")) {

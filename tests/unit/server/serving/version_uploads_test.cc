@@ -26,9 +26,8 @@ using ::testing::ElementsAre;
 class VersionUploadsTest : public ServingTableTest {
  protected:
   void Open(ModelCheck check) {
-    uploads_ =
-        std::make_unique<VersionUploads>(folder_ / "models", *store_, *table_,
-                                         std::chrono::hours(1), false, std::move(check));
+    uploads_ = std::make_unique<VersionUploads>(folder_ / "models", *store_, *table_,
+                                                std::chrono::hours(1), false, std::move(check));
   }
 
   // model.json, without its actions.
