@@ -102,6 +102,7 @@ touch stop && wait
 [ "$before" != "$(server)" ] || wrong "the server was not restarted"
 holds "it drained, by its log" sh -c "journalctl -u maneuverd _PID=$before | grep -q stopped"
 fails "killed for want of time" sh -c "journalctl -u maneuverd | grep -Eq 'SIGKILL|timed out'"
+holds "calls were answered meanwhile" grep -q ok asked.txt
 # One server alone is away for a moment; what is in flight is answered, and who comes then is told so.
 echo "calls: $(grep -c ok asked.txt) answered, $(grep -c failed asked.txt || true) found nobody listening"
 same "calls that failed otherwise" 0 "$(grep -vc 'no server answers' asked.log || true)"
