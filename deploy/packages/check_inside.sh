@@ -66,6 +66,8 @@ wait_until maneuver health maneuver.v1.PredictionService
 scene=$(maneuver scenario list unseen --output json | sed -n 's/.*"scenario_\{0,1\}[iI]d": *"\([^"]*\)".*/\1/p' | head -n 1)
 maneuver scenario extract unseen "$scene" --out scene.json
 maneuver probability scene.json | tail -n 3
+holds "two ranks learn together" maneuver train pair --dataset town --settings small_training.json --ranks 2 --promote never
+maneuver model delete pair/1 >/dev/null
 
 step "A ten-line program, by CMake and by pkg-config"
 apt_get install cmake g++ make pkg-config ./libmaneuver-client-dev_*.deb
@@ -100,6 +102,7 @@ touch stop && wait
 [ "$before" != "$(server)" ] || wrong "the server was not restarted"
 holds "it drained, by its log" sh -c "journalctl -u maneuverd _PID=$before | grep -q stopped"
 fails "killed for want of time" sh -c "journalctl -u maneuverd | grep -Eq 'SIGKILL|timed out'"
+holds "calls were answered meanwhile" grep -q ok asked.txt
 # One server alone is away for a moment; what is in flight is answered, and who comes then is told so.
 echo "calls: $(grep -c ok asked.txt) answered, $(grep -c failed asked.txt || true) found nobody listening"
 same "calls that failed otherwise" 0 "$(grep -vc 'no server answers' asked.log || true)"
@@ -113,6 +116,10 @@ step "Removal keeps what is dear, and an installation finds it again"
 apt_get remove maneuverd
 fails "it runs" pgrep -x maneuverd
 holds "its state is there" test -f /var/lib/maneuver/maneuver.db
+mount --bind /var/lib/maneuver /var/lib/maneuver
+sh /var/lib/dpkg/info/maneuverd.postrm purge
+umount /var/lib/maneuver
+holds "what is on a mounted volume is there even after a purge" test -f /var/lib/maneuver/maneuver.db
 holds "its configuration is there" grep -q administrator /etc/maneuver/maneuverd.conf
 apt_get install ./next/maneuverd_*.deb
 wait_until maneuver health maneuver.v1.PredictionService

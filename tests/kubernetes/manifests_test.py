@@ -137,7 +137,12 @@ class ManifestsTest(unittest.TestCase):
     def test_the_server_keeps_within_the_memory_of_its_container(self):
         for overlay in self.for_each():
             limit = bytes_of(settings_of(overlay.configuration)["memory-limit"])
-            self.assertLessEqual(limit, 3 / 4 * bytes_of(overlay.server["resources"]["limits"]["memory"]))
+            container = bytes_of(overlay.server["resources"]["limits"]["memory"])
+            self.assertLessEqual(limit, 3 / 4 * container)
+            if "trainer" in overlay.server["image"]:
+                # Kubernetes kills all processes of a container that takes more.
+                variables = {v["name"]: v["value"] for v in overlay.server["env"]}
+                self.assertLess(limit + (int(variables["MANEUVERD_JOB_MEMORY_LIMIT"]) << 20), container)
 
     def test_a_data_folder_is_of_one_server(self):
         for overlay in self.for_each():
@@ -310,6 +315,15 @@ class SharedTest(unittest.TestCase):
             timeout = int(variables.get("MANEUVERD_SHUTDOWN_TIMEOUT", settings["shutdown-timeout"]))
             self.assertGreaterEqual(pod["terminationGracePeriodSeconds"], delay + 2 * timeout + PRESTOP_AND_CHECKPOINT_S)
 
+    def test_a_job_is_ended_before_the_container_is_full(self):
+        pod = self.deployments["work"]["template"]["spec"]
+        server = pod["containers"][0]
+        configuration, variables = self.settings(pod, server)
+        job = int(variables["MANEUVERD_JOB_MEMORY_LIMIT"]) << 20
+        self.assertEqual(bytes_of(variables["MANEUVERD_JOB_MEMORY"]), job)
+        self.assertLess(job + bytes_of(settings_of(configuration)["memory-limit"]),
+                        bytes_of(server["resources"]["limits"]["memory"]))
+
     def test_pods_have_no_rights_to_spare(self):
         for pod in [*(d["template"]["spec"] for d in self.deployments.values()), self.job["spec"]]:
             self.assertIs(pod["enableServiceLinks"], False)
@@ -342,6 +356,7 @@ class EdgeTest(unittest.TestCase):
         labels = self.template["metadata"]["labels"]
         for selector in (self.objects["Deployment"]["spec"]["selector"]["matchLabels"],
                          self.objects["Service"]["spec"]["selector"],
+                         self.objects["PodDisruptionBudget"]["spec"]["selector"]["matchLabels"],
                          self.objects["NetworkPolicy"]["spec"]["podSelector"]["matchLabels"]):
             self.assertLessEqual(selector.items(), labels.items())
         ports = {port["name"]: port["containerPort"] for port in self.haproxy["ports"]}
@@ -364,7 +379,10 @@ class EdgeTest(unittest.TestCase):
         for name in self.variables:
             self.assertIn(name, configuration)
         longest = int(re.search(r"hard-stop-after (\d+)s", configuration)[1])
-        self.assertGreater(self.pod["terminationGracePeriodSeconds"], longest)
+        # The port stays open until endpoints and load balancer have noticed.
+        before = int(self.haproxy["lifecycle"]["preStop"]["exec"]["command"][1])
+        self.assertGreaterEqual(before, 10)
+        self.assertGreater(self.pod["terminationGracePeriodSeconds"], before + longest)
 
     def test_it_has_no_rights_to_spare(self):
         self.assertIs(self.pod["automountServiceAccountToken"], False)

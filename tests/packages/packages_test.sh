@@ -104,6 +104,7 @@ shutdown=$(sed -n 's/^shutdown-timeout = //p' stage/etc/maneuver/maneuverd.conf)
 [ "$(of_unit TimeoutStopSec)" -ge $((2 * shutdown + 15)) ] || wrong "systemd kills it before its shutdown-timeout of $shutdown s"
 [ "$(of_unit OOMPolicy)" = continue ] || wrong "a trainer that is killed for memory would take the server with it"
 grep -qx 'Environment=MANEUVERD_ROLE=%i' "${unit%.service}@.service" || wrong "the template gives no role"
+[[ $(of_unit RestrictAddressFamilies) == *AF_NETLINK* ]] || wrong "ranks of a training could not find each other"
 [ "$(of_unit KillMode)" = mixed ] || wrong "a stop would end trainers behind the server's back"
 if command -v systemd-analyze >/dev/null; then
   systemd-analyze security --offline=true --threshold=20 "$unit" >security || { cat security; wrong "exposure"; }

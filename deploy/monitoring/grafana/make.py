@@ -22,7 +22,7 @@ def _variable(name, label, label_of, within=""):
 
 
 def dashboard():
-    swaps = panel.query("sum by (model, alias) (changes(maneuver_model_version{SERVER}[$__interval])) > 0")
+    swaps = panel.query("sum by (model, alias) (changes(maneuver_model_version{SERVER}[RATE])) > 0")
     return {
         "title": "Maneuver",
         "uid": "maneuver",

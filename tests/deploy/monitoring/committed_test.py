@@ -127,6 +127,21 @@ class ComposeTest(unittest.TestCase):
         self.assertIn(f"models:{settings['DATA_DIR']}", self.text)
         self.assertIn(f"stop_grace_period: {3 * int(settings['SHUTDOWN_TIMEOUT'])}s", self.text)
 
+    def test_calls_through_the_edge_may_end_before_it_is_killed(self):
+        edge = re.search(r"\n  edge:\n((?:    .*\n|\n)+)", self.text)[1]
+        patience = int(re.search(r"stop_grace_period: (\d+)s", edge)[1])
+        proxy = (REPOSITORY / "deploy/balancing/haproxy.cfg").read_text()
+        self.assertGreater(patience, int(re.search(r"hard-stop-after (\d+)s", proxy)[1]))
+
+
+class ImageTest(unittest.TestCase):
+    def test_it_is_built_from_all_that_the_packages_hold(self):
+        image = (REPOSITORY / "deploy/container/Dockerfile").read_text()
+        copied = [source for line in re.findall(r"^COPY (?!--)(.*)$", image, re.MULTILINE) for source in line.split()[:-1]]
+        packing = (REPOSITORY / "deploy/packages/CMakeLists.txt").read_text()
+        for source in re.findall(r"\$\{CMAKE_SOURCE_DIR\}/([\w./-]+)", packing):
+            self.assertTrue(any(source == each or source.startswith(each + "/") for each in copied), source)
+
 
 if __name__ == "__main__":
     unittest.main()
