@@ -18,7 +18,7 @@ namespace {
 constexpr double kGalleryHeader = 74.0;   // pixels over the panels
 constexpr double kGalleryLegend = 250.0;  // pixels at the right, at least
 constexpr double kGalleryLetters = 9.0;
-constexpr double kGalleryLeastRow = 13.0;  // of the legend, so that its letters do not touch
+constexpr double kGalleryLeastRow = 15.0;  // of the legend, so that its letters do not touch
 constexpr double kLeastMetres = 4.0;       // that a panel shows along each axis
 
 // An action in one panel.

@@ -225,7 +225,8 @@ class FindTest(unittest.TestCase):
         for option, then in (("--with", False), ("--answered-by", True)):
             expected = [row for row in everything if row["action"] == 2 and any(
                 meets(row, other, then) for other in scenes[row["dataset"], row["scene"]])]
-            self.check(expected, "--action", 2, option, 0, "--within", 1, "--distance", 30, "--side", "behind",
+            within = ("--within", 1) if then else ()
+            self.check(expected, "--action", 2, option, 0, *within, "--distance", 30, "--side", "behind",
                        tags="windows")
 
     def test_the_most_surprising_come_first(self):

@@ -182,6 +182,7 @@ TEST_F(ImportTest, AnIdCannotControlTheTerminal) {
 
 TEST_F(ImportTest, AnErrorReplacesTheProgressLine) {
   std::vector<std::string> records;
+  records.reserve(6);
   for (int i = 0; i < 6; ++i) records.push_back(WaymoRecording("r" + std::to_string(i)));
   WriteWaymo("a.tfrecord", records);
   fs::resize_file(folder_ / "a.tfrecord", fs::file_size(folder_ / "a.tfrecord") - 1);

@@ -513,7 +513,7 @@ TEST(ActionGalleryPlotTest, ItsLegendListsWhatFitsWithoutOverlap) {
     lines += was_blank && !is_blank ? 1 : 0;
     was_blank = is_blank;
   }
-  EXPECT_GT(lines, 60);
+  EXPECT_GT(lines, 50);
   EXPECT_LT(lines, 100);
 }
 
