@@ -46,6 +46,8 @@ class FilesOnTheirWay {
   const ArrivedBytes& arrived() const { return arrived_; }
   // Bytes that are not sent, by the last answer.
   int64_t skipped() const { return skipped_; }
+  // What had arrived is thrown away.
+  void Forget() { skipped_ = 0; }
 
   // Sends what has not arrived. False once `write` takes no more.
   absl::StatusOr<bool> Send(const UploadCalls::WriteChunk& write) {
@@ -159,7 +161,10 @@ absl::Status UploadFiles(const ClientOptions& options, const std::vector<LocalFi
     const bool starts_clean =
         absl::IsDataLoss(status) && upload.skipped() > 0 && std::exchange(may_start_clean, false);
     if (!status.ok() && !starts_clean) return status;
-    if (starts_clean) most_arrived = 0;
+    if (starts_clean) {
+      upload.Forget();
+      most_arrived = 0;
+    }
   }
 }
 

@@ -105,7 +105,7 @@ absl::Status VisitScenarios(const std::string& source, int64_t most, Environment
     int64_t left = most;
     return data::ForEachScenario(source, data::OnDamage::kStop, [&](v1::Scenario&& scenario) {
       visit(std::move(scenario));
-      return --left > 0;
+      return --left != 0;
     });
   }
   const auto list = ListScenarios(source, most, environment);

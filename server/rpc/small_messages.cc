@@ -29,25 +29,22 @@ void SmallMessages::Watch(ReceivedBy received) {
 
 void SmallMessages::Run(const ReceivedBy& received) {
   for (;;) {
-    if (IsIdle()) {
-      const MutexLock looking(looking_);
-      before_.clear();
-    }
+    bool was_idle = false;
     {
       const MutexLock lock(mutex_);
+      was_idle = underway_.empty();
       while (underway_.empty() && !is_stopped_) changed_.Wait(mutex_);
       const auto end = std::chrono::steady_clock::now() + kInterval;
       while (!is_stopped_ && changed_.WaitUntil(mutex_, end)) {
       }
       if (is_stopped_) return;
     }
+    if (was_idle) {
+      const MutexLock looking(looking_);
+      before_.clear();
+    }
     Look(received);
   }
-}
-
-bool SmallMessages::IsIdle() {
-  const MutexLock lock(mutex_);
-  return underway_.empty();
 }
 
 int64_t SmallMessages::Add(std::string peer, std::function<void()> cancel) {

@@ -56,8 +56,6 @@ class SmallMessages {
   };
 
   void Run(const ReceivedBy& received);
-  // Returns whether no message is underway.
-  bool IsIdle();
 
   Mutex looking_;
   std::map<std::string, int64_t> before_ ABSL_GUARDED_BY(looking_);  // received at the first look
