@@ -234,7 +234,7 @@ absl::StatusOr<v1::Dataset> Client::GetDataset(const v1::GetDatasetRequest& requ
 
 absl::StatusOr<v1::DatasetSummary> Client::DescribeDataset(
     const v1::DescribeDatasetRequest& request, const CallOptions& call) {
-  return MANEUVER_CALL(datasets, DatasetService, DescribeDataset, Repeatable::kYes, management);
+  return MANEUVER_CALL(datasets, DatasetService, DescribeDataset, Repeatable::kYes, upload);
 }
 
 absl::Status Client::DeleteDataset(const v1::DeleteDatasetRequest& request,

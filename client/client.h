@@ -170,6 +170,8 @@ class Client {
                                                         const CallOptions& call = {});
   absl::StatusOr<v1::Dataset> GetDataset(const v1::GetDatasetRequest& request,
                                          const CallOptions& call = {});
+  // Counts what is in a dataset. The server reads all of it, once, so the default deadline is that
+  // of uploads.
   absl::StatusOr<v1::DatasetSummary> DescribeDataset(const v1::DescribeDatasetRequest& request,
                                                      const CallOptions& call = {});
   absl::Status DeleteDataset(const v1::DeleteDatasetRequest& request, const CallOptions& call = {});

@@ -17,8 +17,8 @@ namespace maneuver::client {
 // How long a call may take if CallOptions do not say.
 struct CallDeadlines {
   absl::Duration prediction = absl::Seconds(30);
-  absl::Duration management = absl::Seconds(60);  // all other calls except uploads
-  absl::Duration upload = absl::Hours(1);
+  absl::Duration management = absl::Seconds(60);  // all other calls but those of the next line
+  absl::Duration upload = absl::Hours(1);         // and other calls that read a dataset or version
 };
 
 // Encryption and identities. Paths name PEM files.

@@ -10,6 +10,7 @@
 #include "absl/time/clock.h"
 #include "client/client.h"
 #include "client/connection.h"
+#include "client/error_details.h"
 #include "client/request_id.h"
 #include "locks/mutex.h"
 
@@ -17,6 +18,14 @@ namespace maneuver::client {
 namespace {
 
 constexpr size_t kMostUnanswered = 4;
+
+// Returns why the server did not take a report that it wants to have again later. OK for another
+// answer.
+absl::Status PostponementIn(const v1::StreamOutcomesResponse& answer) {
+  const absl::Status error = ToStatus(answer.error());
+  return absl::IsResourceExhausted(error) && ErrorDetailsOf(error).retry_delay ? error
+                                                                               : absl::OkStatus();
+}
 
 class GrpcOutcomeStream final : public OutcomeStream {
  public:
@@ -165,24 +174,26 @@ class GrpcOutcomeStream final : public OutcomeStream {
     }
   }
 
+  // Returns the next answer; nothing if there is none yet, or the server postpones the report.
+  std::optional<v1::StreamOutcomesResponse> TakeAnswer() {
+    const MutexLock lock(mutex_);
+    if (answers_.empty() || !PostponementIn(answers_.front()).ok()) return std::nullopt;
+    std::optional<v1::StreamOutcomesResponse> answer = std::move(answers_.front());
+    answers_.pop_front();
+    return answer;
+  }
+
   void Deliver() {
-    std::deque<v1::StreamOutcomesResponse> answers;
-    {
-      const MutexLock lock(mutex_);
-      answers.swap(answers_);
-    }
-    for (v1::StreamOutcomesResponse& answer : answers) {
+    while (std::optional<v1::StreamOutcomesResponse> answer = TakeAnswer()) {
       if (unanswered_.empty()) return;
       const v1::ReportOutcomesRequest report = std::move(unanswered_.front());
       unanswered_.pop_front();
       answered_ = true;
       if (!on_answer_) continue;
-      if (answer.has_error()) {
-        const v1::Status& error = answer.error();
-        on_answer_(report,
-                   StatusFromWire(error.code(), error.message(), error.SerializeAsString()));
+      if (answer->has_error()) {
+        on_answer_(report, ToStatus(answer->error()));
       } else {
-        on_answer_(report, std::move(*answer.mutable_response()));
+        on_answer_(report, std::move(*answer->mutable_response()));
       }
     }
   }
@@ -203,21 +214,39 @@ class GrpcOutcomeStream final : public OutcomeStream {
     return absl::DeadlineExceededError("the server did not answer a report in time");
   }
 
+  // Returns whether there is an answer that postpones nothing.
   bool HasAnswer() {
     const MutexLock lock(mutex_);
-    return !answers_.empty();
+    return !answers_.empty() && PostponementIn(answers_.front()).ok();
   }
 
-  // Closes a broken stream, and opens others until one has an answer.
+  // Returns why the server postpones the first report that has no answer; OK if it does not.
+  absl::Status Postponement() {
+    const MutexLock lock(mutex_);
+    return answers_.empty() ? absl::OkStatus() : PostponementIn(answers_.front());
+  }
+
+  // Closes a stream whose next report the server postpones. The answers to those after it are
+  // dropped: they are sent again after it, and the server repeats what it answered.
+  void ClosePostponed() {
+    open_->context.TryCancel();
+    Close().IgnoreError();
+    const MutexLock lock(mutex_);
+    answers_.clear();
+  }
+
+  // Closes a stream that is broken, or whose next report the server postpones, and opens others
+  // until one has an answer.
   absl::Status Resume() {
     const ClientOptions& options = connection_.options;
+    absl::Status postponement = Postponement();
     RetryPolicy policy = options.retry;
     absl::Time give_up = absl::InfiniteFuture();
-    if (answered_) {
+    if (answered_ || !postponement.ok()) {
       policy.max_attempts = 1'000'000;
       give_up = absl::Now() + options.upload_patience;
     }
-    return RetryUnavailable(policy, give_up, cancellation_, options.on_retry, [this] {
+    const auto attempt = [&]() -> absl::Status {
       if (open_ == nullptr) {
         Open();
         for (const v1::ReportOutcomesRequest& report : unanswered_) {
@@ -226,9 +255,18 @@ class GrpcOutcomeStream final : public OutcomeStream {
         if (absl::Status status = AwaitAnswer(); !status.ok()) return status;
         if (HasAnswer()) return absl::OkStatus();
       }
+      postponement = Postponement();
+      if (!postponement.ok()) {
+        ClosePostponed();
+        return WithDetails(absl::UnavailableError(postponement.message()),
+                           ErrorDetailsOf(postponement));
+      }
       absl::Status status = Close();
       return status.ok() ? absl::UnavailableError("the server ended the stream") : status;
-    });
+    };
+    absl::Status status =
+        RetryUnavailable(policy, give_up, cancellation_, options.on_retry, attempt);
+    return absl::IsUnavailable(status) && !postponement.ok() ? postponement : status;
   }
 
   Connection& connection_;

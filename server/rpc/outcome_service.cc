@@ -21,15 +21,19 @@ grpc::ServerUnaryReactor* OutcomeService::ReportOutcomes(grpc::CallbackServerCon
                                                          v1::ReportOutcomesResponse* response) {
   auto* call = new CountedCall(blocking_.send_memory);
   if (const absl::Status admitted = scorer_.Admit(CredentialsOf(*rpc), *request); !admitted.ok()) {
+    FreeMessage(request);
     call->Finish(ToGrpcStatus(admitted));
     return call;
   }
-  const auto memory = scorer_.Reserve(static_cast<int64_t>(request->ByteSizeLong()));
+  const auto memory = scorer_.Reserve(WaitingBytes(*request));
   const bool accepted =
       memory != nullptr && scorer_.pool().Post([this, call, rpc, request, response, memory] {
         call->Answer(request, response, [&] { return scorer_.Score(*rpc, *request, response); });
       });
-  if (!accepted) call->Finish(ToGrpcStatus(TooManyWait()));
+  if (!accepted) {
+    FreeMessage(request);
+    call->Finish(ToGrpcStatus(TooManyWait()));
+  }
   return call;
 }
 

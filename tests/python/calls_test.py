@@ -309,6 +309,10 @@ class Datasets(dataset_service_pb2_grpc.DatasetServiceServicer):
         self.is_damaged = False  # what was kept before, which the first upload finds out
         self.before_break = lambda: None
 
+    def DescribeDataset(self, request, context):
+        time.sleep(0.1)
+        return v1.DatasetSummary()
+
     def QueryUpload(self, request, context):
         return v1.QueryUploadResponse(arrived_bytes=[len(self.kept)])
 
@@ -372,6 +376,7 @@ class Outcomes(outcome_service_pb2_grpc.OutcomeServiceServicer):
         self.requests = []
         self.streams = []  # the request ids that each has read
         self.broken_streams = 0  # so many break when the third report arrives
+        self.postponed = 0  # so many reports are to come again later
 
     def ReportOutcomes(self, request, context):
         self.requests.append(request)
@@ -386,6 +391,14 @@ class Outcomes(outcome_service_pb2_grpc.OutcomeServiceServicer):
             self.streams[-1].append(request.report.request_id)
             if len(self.streams) <= self.broken_streams and len(self.streams[-1]) == 3:
                 context.abort(grpc.StatusCode.UNAVAILABLE, "broken")
+            if self.postponed > 0:
+                self.postponed -= 1
+                delay = v1.RetryInfo()
+                delay.retry_delay.nanos = 20_000_000
+                _, busy = refusal(grpc.StatusCode.RESOURCE_EXHAUSTED, "TOO_MANY_REQUESTS",
+                                  ("RetryInfo", delay))
+                yield v1.StreamOutcomesResponse(error=v1.Status.FromString(busy))
+                continue
             if not request.report.outcomes:
                 yield v1.StreamOutcomesResponse(error=v1.Status(code=3, message="outcomes: none"))
                 continue
@@ -510,6 +523,21 @@ class CallsTest(unittest.TestCase):
         first, second, third = self.outcomes.streams
         self.assertEqual((first[2], second[2]), (second[0], third[0]))
         self.assertEqual(len({*first, *second, *third}), 8)
+
+    def test_a_report_of_outcomes_that_is_postponed_is_sent_again(self):
+        self.outcomes.postponed = 6
+        reports = [[{"scenarioId": "drive", "targets": [{"targetId": target}]}]
+                   for target in range(8)]
+        answers = list(self.client().stream_outcomes(reports))
+        self.assertEqual([answer.scores[0].targets[0].target_id for answer in answers],
+                         list(range(8)))
+        sent = [request for stream in self.outcomes.streams for request in stream]
+        self.assertEqual(len(set(sent)), 8)
+        self.assertGreater(len(sent), 8)
+
+    def test_a_dataset_has_the_time_of_an_upload_to_be_described(self):
+        deadlines = maneuver.Deadlines(management=0.001)
+        self.client(deadline=deadlines).describe_dataset("datasets/d")
 
     def test_a_stream_of_outcomes_to_a_server_that_is_away_ends_after_the_retries(self):
         self.outcomes.broken_streams = 100

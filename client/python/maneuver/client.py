@@ -162,8 +162,8 @@ class Client(Predictor):
         reports: each has the outcomes of one report_outcomes, at most 256 targets. They are taken
             as the server gets on: at most four are on their way.
         Yields for each report, in order, its scores, or the error of a report that was refused.
-        When the stream breaks, it sends those that have no answer again, as an upload goes on; the
-        server counts each once.
+        When the stream breaks, or the server has too much to do for a report, it waits and sends
+        those that have no answer again, as an upload goes on; the server counts each once.
         timeout: seconds for the whole stream, in place of Deadlines.upload.
         """
         deadline = self._connection.deadline(timeout, self._connection.deadlines.upload)
@@ -334,11 +334,16 @@ class Client(Predictor):
     def describe_dataset(self, name: str, *, examples: Union[v1.ExampleSettings, Mapping[str, Any],
                                                              None] = None,
                          timeout: Optional[float] = None) -> v1.DatasetSummary:
-        """Counts what is in a dataset, with examples as `examples` says."""
+        """Counts what is in a dataset, with examples as `examples` says.
+
+        The server reads the whole dataset, once. timeout: in place of Deadlines.upload.
+        """
         request = v1.DescribeDatasetRequest(name=name,
                                             examples=_message(examples, v1.ExampleSettings))
-        return self._manage(
-            v1.DatasetSummary, self._connection.datasets.DescribeDataset, request, timeout)
+        deadline = self._connection.deadline(timeout, self._connection.deadlines.upload)
+        summary: v1.DatasetSummary = self._connection.call(
+            self._connection.datasets.DescribeDataset, request, deadline)
+        return summary
 
     def delete_dataset(self, name: str, *, timeout: Optional[float] = None) -> None:
         """Removes a dataset. Refused while a job that is pending or running needs it."""

@@ -47,7 +47,7 @@ class Deadlines:
 
     prediction: float = 30.0
     management: float = 60.0  # all else but these:
-    upload: float = 3600.0  # of a dataset or a model version, and the download of one
+    upload: float = 3600.0  # of a dataset or version, and other calls that read one as a whole
     stream: float = 24 * 3600.0  # a stream of predictions, and the watching of a job
 
 

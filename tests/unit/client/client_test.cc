@@ -20,14 +20,18 @@
 namespace maneuver::client::client_test {
 namespace {
 
-std::unique_ptr<Client> ConnectTo(const std::string& address, int max_attempts = 4) {
+ClientOptions OptionsFor(const std::string& address, int max_attempts = 4) {
   ClientOptions options;
   options.address = address;
   options.retry.max_attempts = max_attempts;
   options.retry.initial_backoff = absl::Milliseconds(1);
   options.retry.max_backoff = absl::Milliseconds(2);
   options.watch_patience = absl::Seconds(20);
-  return *Client::Connect(options);
+  return options;
+}
+
+std::unique_ptr<Client> ConnectTo(const std::string& address, int max_attempts = 4) {
+  return *Client::Connect(OptionsFor(address, max_attempts));
 }
 
 grpc::Status Unavailable() { return {grpc::StatusCode::UNAVAILABLE, "busy"}; }
@@ -205,6 +209,89 @@ TEST(ClientTest, ABrokenStreamOfOutcomesIsResumedWithWhatHasNoAnswer) {
   EXPECT_EQ(answers, (std::vector<int>{1, 2, 3, 4, 5, 6, 7, 8, 9}));
   EXPECT_EQ(arrived.size(), 9U);  // a report that is sent again keeps its id
   EXPECT_GE(streams, 4);
+}
+
+// Returns the answer of a server that wants to have a report again later.
+v1::StreamOutcomesResponse Postponed() {
+  const absl::Status busy =
+      WithDetails(absl::ResourceExhaustedError("too many outcomes wait"),
+                  {.reason = "TOO_MANY_REQUESTS", .retry_delay = absl::Milliseconds(20)});
+  v1::StreamOutcomesResponse response;
+  v1::Status& error = *response.mutable_error();
+  error.set_code(static_cast<int>(busy.code()));
+  error.set_message(std::string(busy.message()));
+  busy.ForEachPayload([&error](absl::string_view type, const absl::Cord& value) {
+    google::protobuf::Any& detail = *error.add_details();
+    detail.set_type_url(std::string(type));
+    detail.set_value(std::string(value));
+  });
+  return response;
+}
+
+TEST(ClientTest, AReportOfOutcomesThatIsPostponedIsSentAgainAndTheAnswersKeepTheirOrder) {
+  TestServer server;
+  std::mutex mutex;
+  std::map<std::string, int> arrived;  // by request_id
+  std::vector<absl::Time> postponed;
+  server.on_stream_outcomes = [&](OutcomeServerStream* stream) {
+    v1::StreamOutcomesRequest request;
+    while (stream->Read(&request)) {
+      const v1::ReportOutcomesRequest& report = request.report();
+      const std::lock_guard lock(mutex);
+      // The first report and the fifth are postponed twice each, those after them answered.
+      const bool is_busy = report.outcomes_size() % 4 == 1 && ++arrived[report.request_id()] <= 2;
+      if (is_busy) postponed.push_back(absl::Now());
+      if (is_busy) {
+        stream->Write(Postponed());
+      } else {
+        AnswerReport(report, stream);
+      }
+    }
+    return grpc::Status::OK;
+  };
+  const auto client = ConnectTo(server.address());
+  std::vector<int> answers;
+  const auto stream = client->StreamOutcomes([&](const auto&, const auto& answer) {
+    ASSERT_TRUE(answer.ok()) << answer.status();
+    answers.push_back(answer->scores(0).outcome_index());
+  });
+  for (int i = 1; i <= 8; ++i) ASSERT_TRUE(stream->Send(ReportOf(i)).ok());
+  const absl::Status end = stream->Finish();
+  EXPECT_TRUE(end.ok()) << end;
+  EXPECT_EQ(answers, (std::vector<int>{1, 2, 3, 4, 5, 6, 7, 8}));
+  EXPECT_EQ(arrived.size(), 2U);
+  ASSERT_EQ(postponed.size(), 4U);
+  EXPECT_GE(postponed[1] - postponed[0], absl::Milliseconds(20));
+}
+
+TEST(ClientTest, AStreamOfOutcomesWhoseReportIsPostponedForTooLongEndsWithTheReason) {
+  TestServer server;
+  server.on_stream_outcomes = [](OutcomeServerStream* stream) {
+    v1::StreamOutcomesRequest request;
+    while (stream->Read(&request)) stream->Write(Postponed());
+    return grpc::Status::OK;
+  };
+  ClientOptions options = OptionsFor(server.address());
+  options.upload_patience = absl::Milliseconds(200);
+  const auto client = Client::Connect(options);
+  ASSERT_TRUE(client.ok()) << client.status();
+  int answers = 0;
+  const auto stream = (*client)->StreamOutcomes([&](const auto&, const auto&) { ++answers; });
+  stream->Send(ReportOf(1)).IgnoreError();
+  const absl::Status end = stream->Finish();
+  EXPECT_TRUE(absl::IsResourceExhausted(end)) << end;
+  EXPECT_EQ(ErrorDetailsOf(end).reason, "TOO_MANY_REQUESTS");
+  EXPECT_EQ(answers, 0);
+}
+
+TEST(ClientTest, CallsThatReadAWholeDatasetHaveTheDeadlineOfUploads) {
+  TestServer server;
+  std::chrono::system_clock::time_point deadline;
+  server.on_call = [&](const grpc::ServerContext& context) { deadline = context.deadline(); };
+  ASSERT_TRUE(ConnectTo(server.address())->DescribeDataset({}).ok());
+  const auto left = deadline - std::chrono::system_clock::now();
+  EXPECT_GT(left, std::chrono::minutes(50));
+  EXPECT_LT(left, std::chrono::minutes(61));
 }
 
 TEST(ClientTest, AStreamOfOutcomesEndsWithAnErrorThatIsNotRetried) {

@@ -199,6 +199,11 @@ class TestServer final {
       if (!owner_->on_query_upload) return {grpc::StatusCode::UNIMPLEMENTED, "no such method"};
       return owner_->on_query_upload(*request, response);
     }
+    grpc::Status DescribeDataset(grpc::ServerContext* context, const v1::DescribeDatasetRequest*,
+                                 v1::DatasetSummary*) override {
+      owner_->See(*context);
+      return grpc::Status::OK;
+    }
 
    private:
     TestServer* const owner_;
