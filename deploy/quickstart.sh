@@ -11,6 +11,7 @@
 # Run again, it builds only what changed and uses the town and the model that
 # are already there; --fresh starts over.
 set -euo pipefail
+caller=$PWD
 cd "$(dirname "$0")/.."
 
 keep_running=false
@@ -24,7 +25,7 @@ while [ $# -gt 0 ]; do
     --keep-running) keep_running=true ;;
     --fresh) fresh=true ;;
     --recordings) recordings=${2:?--recordings needs a number}; shift ;;
-    --data-dir) work=${2:?--data-dir needs a folder}; shift ;;
+    --data-dir) work=$(cd "$caller" && realpath -m -- "${2:?--data-dir needs a folder}"); shift ;;
     --preset) preset=${2:?--preset needs a name}; shift ;;
     -h|--help) usage; exit 0 ;;
     *) echo "quickstart: unknown option $1; see --help" >&2; exit 2 ;;
@@ -49,7 +50,8 @@ fi
 bin="$PWD/build/release/bin"
 export PATH="$bin:$PATH"
 
-$fresh && rm -rf "$work"
+# What it made itself: the folder may have other things in it.
+$fresh && rm -rf "$work"/{data,town,unseen,unseen.json,pictures,ports.json,maneuverd.out,maneuverd.log}
 mkdir -p "$work/pictures"
 
 step "Server"
