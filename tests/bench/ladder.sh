@@ -38,10 +38,16 @@ declare -A settings=(
   [printed]='{"preset": "lanes", "optimization": {"responsibilities": "RESPONSIBILITIES_PRINTED"}}'
   [no-decay]='{"preset": "lanes", "optimization": {"weight_decay": 1e-4}}'
   [fifty-actions]='{"preset": "lanes", "model": {"actions": 50}}'
+  [constant-velocity]='{"preset": "lanes", "model": {"reference": "TRAJECTORY_REFERENCE_CONSTANT_VELOCITY"}}'
+  [small-decoder]='{"preset": "lanes", "model": {"decoder": {"hidden": [64, 64, 64]}}}'
+  [dropout]='{"preset": "lanes", "optimization": {"dropout": 0.35, "geometry_dropout": 0.2}}'
+  [reconstruction]='{"preset": "lanes", "optimization": {"posterior_reconstruction_weight": 0.6}}'
+  [metres-decay]='{"preset": "lanes-metres", "optimization": {"weight_decay": 0.1}}'
   [lanes]='{"preset": "lanes"}'
 )
 rows=${ROWS:-literal compact lanes-metres absolute history no-agents no-geometry relative gaussian
-  table-covariance no-noise sparse printed no-decay fifty-actions lanes}
+  table-covariance no-noise sparse printed no-decay fifty-actions constant-velocity small-decoder
+  dropout reconstruction metres-decay lanes}
 
 # Folds of all rows share the cores, so that none is idle at the end of a row.
 run_fold() { # option... row fold
