@@ -53,14 +53,20 @@ class FieldRules {
                    "must be longer than 0 s and at most 3600 s");
   }
 
+  // Adds the violations of a part of the message.
+  //   prefix: put before each field
+  void Include(const std::string& prefix, std::vector<scene::FieldViolation> part) {
+    for (scene::FieldViolation& violation : part) {
+      Require(false, prefix + violation.field, std::move(violation.description));
+      others_ += violation.others;
+    }
+  }
+
   // Returns whether every rule held.
   bool all_hold() const { return violations_.empty(); }
-  // Returns the first kMaxViolations. The last one says how many more there are.
+  // Returns the first kMaxViolations. The last one has the number of the others.
   std::vector<scene::FieldViolation> violations() && {
-    if (others_ > 0) {
-      absl::StrAppend(&violations_.back().description, " (and ", others_,
-                      " more fields are wrong)");
-    }
+    if (!violations_.empty()) violations_.back().others = others_;
     return std::move(violations_);
   }
 

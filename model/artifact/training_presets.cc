@@ -535,9 +535,7 @@ std::vector<scene::FieldViolation> ValidateTrainingSettings(const v1::TrainingSe
                      absl::StrCat("must be one of ", absl::StrJoin(Presets(), ", ")))) {
     return std::move(rules).violations();
   }
-  for (const scene::FieldViolation& violation : ValidateModelSpec(resolved.model())) {
-    rules.Require(false, absl::StrCat("model.", violation.field), violation.description);
-  }
+  rules.Include("model.", ValidateModelSpec(resolved.model()));
   rules.Require(
       !resolved.model().has_decoder_covariance() ||
           resolved.optimization().decoder_covariance() == v1::DECODER_COVARIANCE_PREDICTED,

@@ -41,6 +41,8 @@ absl::Status InvalidFields(const std::vector<scene::FieldViolation>& violations,
                            std::string_view prefix) {
   v1::BadRequest detail;
   const std::span listed(violations.data(), std::min(violations.size(), kMaxListedViolations));
+  auto found = static_cast<int64_t>(violations.size());
+  for (const scene::FieldViolation& violation : violations) found += violation.others;
   for (const scene::FieldViolation& violation : listed) {
     auto* entry = detail.add_field_violations();
     entry->set_field(JoinPath(prefix, violation.field));
@@ -50,8 +52,10 @@ absl::Status InvalidFields(const std::vector<scene::FieldViolation>& violations,
   if (!violations.empty()) {
     const auto& first = detail.field_violations(0);
     message = absl::StrCat(first.field(), ": ", first.description());
-    if (violations.size() > 1) {
-      absl::StrAppend(&message, " (and ", violations.size() - 1, " more)");
+    if (found > 1) absl::StrAppend(&message, " (and ", found - 1, " more)");
+    if (const int64_t others = found - detail.field_violations_size(); others > 0) {
+      absl::StrAppend(detail.mutable_field_violations()->rbegin()->mutable_description(), " (and ",
+                      others, " more fields are wrong)");
     }
   }
   absl::Status status = absl::InvalidArgumentError(message);

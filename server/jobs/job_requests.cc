@@ -48,9 +48,7 @@ class Violations {
   // Adds violations of a part of the request.
   //   prefix: put before each field
   void AddAll(const std::string& prefix, std::vector<scene::FieldViolation> part) {
-    for (scene::FieldViolation& violation : part) {
-      Add(prefix + violation.field, std::move(violation.description));
-    }
+    found_.Include(prefix, std::move(part));
   }
   bool empty() const { return found_.all_hold(); }
   std::vector<scene::FieldViolation> Take() { return std::move(found_).violations(); }

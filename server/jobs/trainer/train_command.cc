@@ -31,12 +31,13 @@ namespace {
 // The least time that the ranks of one machine have to start. A busy machine needs some of it.
 constexpr std::chrono::milliseconds kLocalStart{60'000};
 
-// Every violation in one message; OK if there are none.
+// The violations in one message; OK if there are none.
 absl::Status Refuse(const std::vector<scene::FieldViolation>& violations) {
   std::string message;
   for (const scene::FieldViolation& violation : violations) {
     absl::StrAppend(&message, message.empty() ? "settings: " : "; ", violation.field, " ",
                     violation.description);
+    if (violation.others > 0) absl::StrAppend(&message, "; and ", violation.others, " more");
   }
   return message.empty() ? absl::OkStatus() : absl::InvalidArgumentError(message);
 }

@@ -20,7 +20,21 @@ TEST(InvalidFieldsTest, ListsSixteenAndCountsTheOthers) {
   const auto detail = status.GetPayload("type.googleapis.com/google.rpc.BadRequest");
   ASSERT_TRUE(detail.has_value());
   ASSERT_TRUE(listed.ParseFromString(std::string(*detail)));
-  EXPECT_EQ(listed.field_violations_size(), 16);
+  ASSERT_EQ(listed.field_violations_size(), 16);
+  EXPECT_EQ(listed.field_violations(14).description(), "is wrong");
+  EXPECT_EQ(listed.field_violations(15).description(), "is wrong (and 984 more fields are wrong)");
+}
+
+TEST(InvalidFieldsTest, CountsWhatAListHasLeftOut) {
+  std::vector<scene::FieldViolation> violations(16, {"weights", "is wrong"});
+  violations.back().others = 84;
+  const absl::Status status = InvalidFields(violations);
+  EXPECT_EQ(status.message(), "weights: is wrong (and 99 more)");
+  v1::BadRequest listed;
+  ASSERT_TRUE(listed.ParseFromString(
+      std::string(*status.GetPayload("type.googleapis.com/google.rpc.BadRequest"))));
+  ASSERT_EQ(listed.field_violations_size(), 16);
+  EXPECT_EQ(listed.field_violations(15).description(), "is wrong (and 84 more fields are wrong)");
 }
 
 TEST(StorageReasonTest, MapsDiskErrorsWithoutBlamingTheCaller) {

@@ -291,6 +291,30 @@ TEST_F(PromotionTest, ListsTheFirst16WrongFieldsAndCountsTheOthers) {
   EXPECT_THAT(listed[15].description(), HasSubstr(" (and 84 more fields are wrong)"));
 }
 
+// What is wrong is found in the settings, which are a part of each request.
+TEST_F(PromotionTest, CountsTheWrongFieldsOfAPartOfARequest) {
+  v1::ExampleSettings examples;
+  examples.mutable_dataset_weights()->Resize(1000, -1.0);
+  v1::TrainRequest train;
+  train.set_model("models/town");
+  for (int i = 0; i < 20; ++i) train.add_datasets(absl::StrCat("datasets/town-", i));
+  *train.mutable_settings()->mutable_examples() = examples;
+  v1::EvaluateRequest evaluate;
+  evaluate.set_model("models/town");
+  evaluate.set_dataset("datasets/town");
+  *evaluate.mutable_examples() = examples;
+  // Of Train's, one more: there are not as many weights as datasets.
+  for (const auto& [refused, count] : {std::pair(CheckTrainRequest(train), 1001),
+                                       std::pair(CheckEvaluateRequest(evaluate), 1001)}) {
+    const auto listed = Listed(refused);
+    ASSERT_EQ(listed.size(), 16) << refused;
+    EXPECT_THAT(listed[15].description(),
+                HasSubstr(absl::StrCat(" (and ", count - 16, " more fields are wrong)")));
+    EXPECT_THAT(std::string(refused.message()),
+                HasSubstr(absl::StrCat(" (and ", count - 1, " more)")));
+  }
+}
+
 TEST_F(PromotionTest, ReusesAReportOnlyOfTheSameExamples) {
   versions_.kept[kOld] = versions_.truth[kOld];
   Decide();

@@ -2,6 +2,8 @@
 
 #include <gmock/gmock.h>
 
+#include <atomic>
+#include <chrono>
 #include <set>
 #include <string>
 #include <thread>
@@ -258,6 +260,45 @@ TEST_F(PredictStreamTest, UnreadAnswersCountAsMemoryUntilTheyAreRead) {
   EXPECT_EQ(answers, kRequests);
   EXPECT_TRUE(stream->Finish().ok());
   while (SendMemory() > 0.0) std::this_thread::yield();
+}
+
+TEST_F(PredictStreamTest, AStreamReadsNoMoreRequestsWhileItsAnswersAreNotTaken) {
+  Publish();
+  grpc::ChannelArguments small_windows;
+  small_windows.SetInt(GRPC_ARG_HTTP2_BDP_PROBE, 0);
+  const auto stub = v1::PredictionService::NewStub(grpc::CreateCustomChannel(
+      server_->address().ToString(), grpc::InsecureChannelCredentials(), small_windows));
+  grpc::ClientContext context;
+  auto stream = stub->StreamPredict(&context);
+  v1::StreamPredictRequest request;
+  *request.mutable_request() = OneScene();
+  v1::Scenario& scene = *request.mutable_request()->mutable_scenarios(0);
+  for (int64_t id = 1000; id < 1500; ++id) scene.add_target_ids(id);  // each has an error
+  v1::MapFeature& lane = *scene.add_map_features();  // so that few requests fill HTTP/2's windows
+  lane.set_type(v1::MAP_FEATURE_TYPE_LANE_CENTERLINE);
+  for (int i = 0; i < 2000; ++i) {
+    lane.add_x(1e4 + i);
+    lane.add_y(0.0);
+  }
+  constexpr int kRequests = 500;
+  std::atomic<int> written = 0;
+  std::thread writer([&] {
+    while (written < kRequests && stream->Write(request)) ++written;
+    stream->WritesDone();
+  });
+  int before = -1;
+  while (written != before) {
+    before = written;
+    std::this_thread::sleep_for(std::chrono::seconds(1));
+  }
+  EXPECT_GT(before, 0);
+  EXPECT_LT(before, kRequests / 2);  // 64 that were read, and what the windows hold
+  v1::StreamPredictResponse response;
+  int answers = 0;
+  while (stream->Read(&response)) ++answers;
+  writer.join();
+  EXPECT_EQ(answers, kRequests);
+  EXPECT_TRUE(stream->Finish().ok());
 }
 
 TEST_F(PredictStreamTest, RefusesAnIdThatIsNotUtf8WithoutEchoingIt) {
