@@ -30,6 +30,8 @@ add_compile_options(-ffp-contract=off)
 # Stack protector; checked buffer functions (they need an optimised build); landing pads for indirect
 # branches and shadow stacks (CET); addresses chosen at each start (PIE); relocations that are all
 # resolved, and then read-only, before main (full RELRO). Sanitizers bring checks of their own.
+# Debian 12's Scrt1.o and crti.o are not marked for CET. So the linker leaves out the IBT and SHSTK note
+# (readelf -n), and the loader does not turn CET on. -z force-ibt would mark code that has no landing pads.
 if(NOT MANEUVER_SANITIZER)
   add_compile_options(-fstack-protector-strong -fcf-protection=full -fPIE)
   add_compile_definitions("$<$<NOT:$<CONFIG:Debug>>:_FORTIFY_SOURCE=2>")

@@ -48,7 +48,7 @@ import grpc  # noqa: E402
 from google.protobuf import json_format  # noqa: E402
 import maneuver  # noqa: E402
 from maneuver import v1  # noqa: E402
-from server import TINY  # noqa: E402
+from server import TINY, lift_jobs  # noqa: E402
 
 PATIENCE_S = 300  # for anything that has to happen at last, on a machine that does other things
 CALL_S = 60  # for a call
@@ -148,6 +148,7 @@ class Server:
         self._ports.unlink(missing_ok=True)
         with open(self.log, "ab") as log:
             self.process = subprocess.Popen(self._command, stdout=log, stderr=log, env=self._environment)
+        threading.Thread(target=lift_jobs, args=(self.process,), daemon=True).start()
         wait_for(lambda: self._ports.exists() or self.process.poll() is not None, "the server starts or ends")
         if not self._ports.exists():
             return False
@@ -923,10 +924,7 @@ def main():
     parser.add_argument("--maneuver", type=pathlib.Path, default=BUILD / "bin" / "maneuver")
     parser.add_argument("--small-model", type=pathlib.Path, default=BUILD / "tests" / "write_small_model")
     parser.add_argument("--fault-shim", type=pathlib.Path, default=BUILD / "tests" / "libfault_shim.so")
-    parser.add_argument("--flags", type=str.split, default=[], help="more options of maneuverd, in one word. With "
-                        "--flags='--trainer-command=nice,-n,-19,chrt,--other,0', as root, jobs do not starve where "
-                        "other programs are busy; "
-                        "commas stand for spaces")
+    parser.add_argument("--flags", type=str.split, default=[], help="more options of maneuverd, in one word; commas stand for spaces")
     options = parser.parse_args()
     options.flags = [flag.replace(",", " ") for flag in options.flags]
     signal.signal(signal.SIGTERM, lambda *_: sys.exit("stopped by SIGTERM"))  # and ends the server

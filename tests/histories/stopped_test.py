@@ -33,8 +33,8 @@ def main():
             if history.poll() is not None:
                 sys.exit("FAILED: the history ended by itself")
             history.send_signal(signal.SIGTERM)
-            wait_for(lambda: history.poll() is not None, "the history ends", 60)
-            wait_for(lambda: not processes(work), "its server and trainers end", 60)
+            wait_for(lambda: history.poll() is not None, "the history ends")
+            wait_for(lambda: not processes(work), "its server and trainers end")
         finally:
             history.kill()
             history.wait()

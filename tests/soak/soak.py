@@ -30,7 +30,7 @@ from maneuver import v1
 REPOSITORY = pathlib.Path(__file__).resolve().parent.parent.parent
 BUILD = REPOSITORY / "build" / "release"
 sys.path.append(str(REPOSITORY / "tests" / "python"))
-from server import TINY  # noqa: E402
+from server import TINY, lift_jobs  # noqa: E402
 
 PATIENCE_S = 300
 SETTINGS = {**TINY, "examples": {"max_examples": 40}}
@@ -110,20 +110,6 @@ class Server:
         return [self._options.maneuver, "--server", self.address, "--tls-ca", self.certificates.authority, "--token-file",
                 self.token, *map(str, arguments)]
 
-    def lift_jobs(self):
-        """Gives jobs their share of the processors: as idle processes they would starve beside other programs."""
-        while self.process.poll() is None:
-            try:
-                jobs = [job for children in pathlib.Path(f"/proc/{self.process.pid}/task").glob("*/children")
-                        for job in children.read_text().split()]
-                for thread in (int(task.name) for job in jobs for task in pathlib.Path(f"/proc/{job}/task").iterdir()):
-                    os.sched_setscheduler(thread, os.SCHED_OTHER, os.sched_param(0))
-                    if os.geteuid() == 0:
-                        os.setpriority(os.PRIO_PROCESS, thread, 0)
-            except (FileNotFoundError, ProcessLookupError):
-                pass  # it ended meanwhile
-            time.sleep(0.2)
-
     def sample(self):
         process = pathlib.Path(f"/proc/{self.process.pid}")
         status = dict(line.split(":", 1) for line in (process / "status").read_text().splitlines())
@@ -155,7 +141,7 @@ class Soak:
         self.work = work
         self.random = random.Random(options.seed)
         self.server = Server(options, work)
-        threading.Thread(target=self.server.lift_jobs, daemon=True).start()
+        threading.Thread(target=lift_jobs, args=(self.server.process,), daemon=True).start()
         self.over = threading.Event()
         self.done = collections.Counter()
         self.failures = []

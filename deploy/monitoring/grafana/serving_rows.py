@@ -91,8 +91,8 @@ def latency():
                [query(_latency(q, _PREDICTIONS + ', code="OK"'), f"p{q * 100:g}") for q in (0.5, 0.9, 0.99)],
                "s", least=0, limit=0.25),
         curves("Where does the time go?",
-               "Mean seconds: a target in the queue, a batch in each stage. Queue: add capacity. Encode: the networks, so the "
-               "model or a busier machine. Describe: more actions are asked for.",
+               "Mean seconds: a target in the queue, a batch in each stage. Queue: add capacity. Raster, vectors: large maps; "
+               "register them. Encode: the networks, so the model or a busier machine. Describe: more actions are asked for.",
                [query("sum by (stage) (rate(maneuver_stage_duration_seconds_sum{SERVER}[RATE]))"
                       " / sum by (stage) (rate(maneuver_stage_duration_seconds_count{SERVER}[RATE]))", "{{stage}}")],
                "s", stacked=True, least=0),
