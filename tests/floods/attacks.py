@@ -164,57 +164,101 @@ def attack(options):
     return told
 
 
-# What a slow loris has sent when it falls silent. The first two never begin TLS, or never end its handshake.
-BEFORE_TLS = {"no handshake": b"", "half a handshake": b"\x16\x03\x01\x02\x00\x01\x00"}
-PHASES = {
+# What a slow loris sends: bytes at once, then bytes that drip. It falls silent after the last one.
+DRIP_S = 0.4  # between two bytes
+GREETING = PREFACE + frame(SETTINGS, 0, 0)
+CALL = GREETING + frame(HEADERS, END_HEADERS, 1, call_headers(PREDICT))
+# These never begin TLS, or never end its handshake. The last one drips.
+BEFORE_TLS = {"no handshake": (b"", b""), "half a handshake": (b"\x16\x03\x01\x02\x00\x01\x00", b""),
+              "a handshake": (b"", b"\x16\x03\x01\x40\x00\x01" + bytes(0x4000))}
+SILENT = {
     "nothing": b"",
     "half a preface": PREFACE[:10],
     "a preface": PREFACE,
-    "half a frame": PREFACE + frame(SETTINGS, 0, 0) + frame(PING, 0, 0, b"12345678")[:12],
-    "half the headers": PREFACE + frame(SETTINGS, 0, 0) + frame(HEADERS, 0, 1, call_headers(PREDICT)[:40]),
-    "settings": PREFACE + frame(SETTINGS, 0, 0) + frame(SETTINGS, ACK, 0),
-    "half a message": PREFACE + frame(SETTINGS, 0, 0) + frame(HEADERS, END_HEADERS, 1, call_headers(PREDICT))
-    + frame(DATA, 0, 1, message(b"half", declared=8)),
+    "half a frame": GREETING + frame(PING, 0, 0, b"12345678")[:12],
+    "half the headers": GREETING + frame(HEADERS, 0, 1, call_headers(PREDICT)[:40]),
+    "settings": GREETING + frame(SETTINGS, ACK, 0),
+    "half a message": CALL + frame(DATA, 0, 1, message(b"half", declared=8)),
 }
+LONG_HEADERS = frame(HEADERS, END_HEADERS, 1, call_headers(PREDICT, header(b"x", b"x" * 4000)))
+DRIPPING = {
+    "the preface": (b"", GREETING),
+    # The 9 bytes that begin the frame come at once: HAProxy counts from them.
+    "headers": (GREETING + LONG_HEADERS[:9], LONG_HEADERS[9:]),
+    "CONTINUATION": (GREETING + frame(HEADERS, 0, 1, call_headers(PREDICT)),
+                     frame(CONTINUATION, 0, 1, header(b"x", b"y")) * 1000),
+    "a message": (CALL, frame(DATA, 0, 1, message(bytes(4000), declared=8000))),
+}
+PHASES = {"loris": {phase: (said, b"") for phase, said in SILENT.items()}, "drip": DRIPPING}
+
+
+class SlowConnection:
+    """A connection of a slow loris."""
+
+    def __init__(self, phase, connection, drips):
+        self.phase, self.connection, self._drips = phase, connection, drips
+        self._begun = self._next = time.monotonic()
+        self.closed_after_s = self.answered_after_s = None
+
+    def look(self):
+        """Sends a byte if it is time for one, and looks at what the peer did."""
+        now = time.monotonic()
+        if self._drips and now >= self._next:
+            self.connection.send(self._drips[:1])
+            self._drips, self._next = self._drips[1:], now + DRIP_S
+        self.connection.drain()
+        took = round(now - self._begun, 1)
+        if self.connection.ended_calls and self.answered_after_s is None:
+            self.answered_after_s = took
+        if self.connection.closed:
+            self.closed_after_s = took
 
 
 def loris(options):
-    """Opens connections that fall silent, each in the next phase. Tells how long each phase was tolerated.
+    """Opens slow connections, each in the next phase. Tells how long each phase was tolerated.
 
-    `closed_after_s` is the longest time until a connection of the phase was closed; `still_open` counts the others.
+    `closed_after_s` and `answered_after_s` are the longest times until a connection of the phase was closed, and until
+    its call was answered; `still_open` and `unanswered` count the others.
     """
     end = time.monotonic() + options.seconds
-    phases = {**(BEFORE_TLS if options.authority else {}), **PHASES}
-    connections = []
+    before_tls = {phase: said for phase, said in BEFORE_TLS.items() if bool(said[1]) == (options.name == "drip")}
+    phases = {**(before_tls if options.authority else {}), **PHASES[options.name]}
+    slow = []
     for i in range(options.connections):
         phase = list(phases)[i % len(phases)]
-        authority = None if phase in BEFORE_TLS else options.authority
+        authority = None if phase in before_tls else options.authority
         connection = Connection(options.address, options.source, end, authority, greet=False)
-        connection.send(phases[phase])
-        connections.append((phase, connection, time.monotonic()))
+        connection.send(phases[phase][0])
+        slow.append(SlowConnection(phase, connection, phases[phase][1]))
     time.sleep(0.2)  # for those that are one too many
-    for _, connection, _ in connections:
-        if not connection.closed:
-            connection.drain()
-    waiting = [entry for entry in connections if not entry[1].closed]
-    told = {"refused": len(connections) - len(waiting), "closed_after_s": dict.fromkeys(phases)}
+    for one in slow:
+        if not one.connection.closed:
+            one.connection.drain()
+    admitted = waiting = [one for one in slow if not one.connection.closed]
     while waiting and time.monotonic() < end:
-        for phase, connection, begun in waiting:
-            connection.drain()
-            if connection.closed:
-                took = round(time.monotonic() - begun, 1)
-                told["closed_after_s"][phase] = max(told["closed_after_s"][phase] or 0, took)
-        waiting = [entry for entry in waiting if not entry[1].closed]
+        for one in waiting:
+            one.look()
+        waiting = [one for one in waiting if not one.connection.closed]
         time.sleep(0.05)
-    told["still_open"] = {phase: sum(p == phase for p, _, _ in waiting) for phase in phases}
-    for _, connection, _ in connections:
-        connection.close()
+    told = {"refused": len(slow) - len(admitted), "closed": len(admitted) - len(waiting),
+            "sent_bytes": sum(one.connection.sent_bytes for one in slow),
+            "goaway": sorted({one.connection.goaway for one in slow if one.connection.goaway})}
+    for phase in phases:
+        of_phase = [one for one in admitted if one.phase == phase]
+        closed = [one.closed_after_s for one in of_phase if one.closed_after_s is not None]
+        answered = [one.answered_after_s for one in of_phase if one.answered_after_s is not None]
+        told.setdefault("closed_after_s", {})[phase] = max(closed, default=None)
+        told.setdefault("still_open", {})[phase] = len(of_phase) - len(closed)
+        told.setdefault("answered_after_s", {})[phase] = max(answered, default=None)
+        told.setdefault("unanswered", {})[phase] = len(of_phase) - len(answered)
+    for one in slow:
+        one.connection.close()
     return told
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("name", choices=[*FLOODS, "loris"])
+    parser.add_argument("name", choices=[*FLOODS, *PHASES])
     parser.add_argument("--address", required=True, help="127.0.0.1:PORT")
     parser.add_argument("--source", default="127.0.0.66", help="address to attack from, also on loopback")
     parser.add_argument("--authority", help="attack over TLS; the authority of the server's certificate, PEM")
@@ -225,7 +269,7 @@ def main():
     options = parser.parse_args()
     if not (options.address.startswith("127.") and options.source.startswith("127.")):
         parser.error("only this machine's loopback may be attacked")
-    print(json.dumps(loris(options) if options.name == "loris" else attack(options)))
+    print(json.dumps(loris(options) if options.name in PHASES else attack(options)))
 
 
 if __name__ == "__main__":

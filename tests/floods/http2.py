@@ -64,6 +64,7 @@ class Connection:
         self.reads = reads
         self.closed = False
         self.goaway = None  # name of the error
+        self.ended_calls = 0  # that the peer answered or reset
         self.sent_bytes = 0
         self.received_bytes = 0
         self._give_up = give_up
@@ -134,19 +135,21 @@ class Connection:
                     self.closed = True
                     return
                 self.received_bytes += len(data)
-                self._look_for_goaway(data)
+                self._look_at_frames(data)
         except (BlockingIOError, ssl.SSLWantReadError, ssl.SSLWantWriteError):
             pass
         except OSError:
             self.closed = True
 
-    def _look_for_goaway(self, data):
+    def _look_at_frames(self, data):
         self._unread += data
         while len(self._unread) >= 9:
             length = int.from_bytes(self._unread[:3], "big")
             if len(self._unread) < 9 + length:
                 return
-            if self._unread[3] == GOAWAY:
+            kind, flags = self._unread[3:5]
+            self.ended_calls += kind == RST_STREAM or kind == HEADERS and bool(flags & END_STREAM)
+            if kind == GOAWAY:
                 error = int.from_bytes(self._unread[13:17], "big")
                 self.goaway = ERRORS[error] if error < len(ERRORS) else str(error)
             self._unread = self._unread[9 + length:]
