@@ -18,9 +18,9 @@
 namespace maneuver::client {
 
 // Sends reports while earlier ones are being scored, and holds at most four that have no answer.
-// When the stream breaks, or the server has too much to do for a report, waits, opens another one
-// and sends these again; the server counts each once. That goes on as an upload does:
-// ClientOptions::upload_patience. For use by one thread.
+// When the stream breaks, opens another one and sends these again. When the server has too much to do
+// for a report, waits and sends that one again. It counts each once. Both go on for
+// ClientOptions::upload_patience after the last answer. For use by one thread.
 class OutcomeStream {
  public:
   // Called by Send and Finish for each report, in order: with its scores, or with why the server

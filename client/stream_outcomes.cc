@@ -19,8 +19,7 @@ namespace {
 
 constexpr size_t kMostUnanswered = 4;
 
-// Returns why the server did not take a report that it wants to have again later. OK for another
-// answer.
+// Returns why the server postpones a report: it wants to have it again later. OK for other answers.
 absl::Status PostponementIn(const v1::StreamOutcomesResponse& answer) {
   const absl::Status error = ToStatus(answer.error());
   return absl::IsResourceExhausted(error) && ErrorDetailsOf(error).retry_delay ? error
@@ -44,7 +43,7 @@ class GrpcOutcomeStream final : public OutcomeStream {
   absl::Status Send(v1::ReportOutcomesRequest report) override {
     if (finished_) return absl::FailedPreconditionError("the stream is finished; open another");
     if (!end_.ok()) return end_;
-    unanswered_.push_back(WithRequestId(std::move(report)));
+    unanswered_.push_back({WithRequestId(std::move(report))});
     if (open_ == nullptr) Open();
     if (absl::Status status = Write(unanswered_.back()); !status.ok()) {
       Deliver();
@@ -68,6 +67,12 @@ class GrpcOutcomeStream final : public OutcomeStream {
 
  private:
   using Stream = grpc::ClientReaderWriter<v1::StreamOutcomesRequest, v1::StreamOutcomesResponse>;
+
+  // A report that was not delivered yet.
+  struct Report {
+    v1::ReportOutcomesRequest request;
+    std::optional<v1::StreamOutcomesResponse> answer = {};  // waits for those of the reports before
+  };
 
   // One stream to a server, the thread that reads it, and one that cancels it if the server does
   // not take a report in time.
@@ -131,9 +136,10 @@ class GrpcOutcomeStream final : public OutcomeStream {
 
   // DEADLINE_EXCEEDED if the server did not take the report in time; the stream is closed then.
   // Other failures show when answers are awaited.
-  absl::Status Write(const v1::ReportOutcomesRequest& report) {
+  absl::Status Write(Report& report) {
     v1::StreamOutcomesRequest message;
-    *message.mutable_report() = report;
+    *message.mutable_report() = report.request;
+    sent_.push_back(&report);
     CancelAt(AnswerTime());
     const bool is_taken = open_->stream->Write(message);
     {
@@ -155,6 +161,8 @@ class GrpcOutcomeStream final : public OutcomeStream {
       write_changed_.NotifyAll();
     }
     open_->watchdog.join();
+    Collect();
+    sent_.clear();
     absl::Status status = ToRetriable(open_->stream->Finish(), cancellation_);
     open_ = nullptr;
     return status;
@@ -165,37 +173,79 @@ class GrpcOutcomeStream final : public OutcomeStream {
     while (true) {
       Deliver();
       if (unanswered_.size() <= most) return absl::OkStatus();
-      end_ = AwaitAnswer();
-      if (end_.ok() && HasAnswer()) continue;
-      if (end_.ok()) end_ = Resume();
+      if (open_ != nullptr && sent_.empty()) {
+        end_ = SendPostponed();
+      } else {
+        end_ = AwaitAnswer();
+        if (end_.ok() && !HasAnswer()) end_ = Resume();
+      }
       if (end_.ok()) continue;
       Deliver();  // what was answered before another report was not taken
       return end_;
     }
   }
 
-  // Returns the next answer; nothing if there is none yet, or the server postpones the report.
-  std::optional<v1::StreamOutcomesResponse> TakeAnswer() {
-    const MutexLock lock(mutex_);
-    if (answers_.empty() || !PostponementIn(answers_.front()).ok()) return std::nullopt;
-    std::optional<v1::StreamOutcomesResponse> answer = std::move(answers_.front());
-    answers_.pop_front();
-    return answer;
+  // Gives each answer that has arrived to its report.
+  void Collect() {
+    std::deque<v1::StreamOutcomesResponse> answers;
+    {
+      const MutexLock lock(mutex_);
+      answers.swap(answers_);
+    }
+    for (v1::StreamOutcomesResponse& answer : answers) {
+      if (sent_.empty()) return;
+      Report& report = *sent_.front();
+      sent_.pop_front();
+      if (absl::Status why = PostponementIn(answer); !why.ok()) {
+        postponement_ = std::move(why);
+        continue;
+      }
+      postponed_since_.reset();
+      answered_ = true;
+      report.answer = std::move(answer);
+    }
   }
 
   void Deliver() {
-    while (std::optional<v1::StreamOutcomesResponse> answer = TakeAnswer()) {
-      if (unanswered_.empty()) return;
-      const v1::ReportOutcomesRequest report = std::move(unanswered_.front());
+    Collect();
+    while (!unanswered_.empty() && unanswered_.front().answer) {
+      Report report = std::move(unanswered_.front());
       unanswered_.pop_front();
-      answered_ = true;
       if (!on_answer_) continue;
-      if (answer->has_error()) {
-        on_answer_(report, ToStatus(answer->error()));
+      if (report.answer->has_error()) {
+        on_answer_(report.request, ToStatus(report.answer->error()));
       } else {
-        on_answer_(report, std::move(*answer->mutable_response()));
+        on_answer_(report.request, std::move(*report.answer->mutable_response()));
       }
     }
+  }
+
+  // Sends all reports that have no answer.
+  absl::Status WriteUnanswered() {
+    for (Report& report : unanswered_) {
+      if (report.answer) continue;
+      if (absl::Status status = Write(report); !status.ok()) return status;
+    }
+    return absl::OkStatus();
+  }
+
+  // Sends again what the server has postponed, after the delay that it named. Returns why it was
+  // postponed once that has gone on for too long.
+  absl::Status SendPostponed() {
+    const ClientOptions& options = connection_.options;
+    const absl::Duration wait =
+        std::max(ErrorDetailsOf(postponement_).retry_delay.value_or(absl::ZeroDuration()),
+                 options.retry.initial_backoff);
+    const absl::Time now = absl::Now();
+    if (!postponed_since_) postponed_since_ = now;
+    if (now + wait >= *postponed_since_ + options.upload_patience) return postponement_;
+    if (options.on_retry) options.on_retry(postponement_, wait);
+    if (cancellation_ == nullptr) {
+      absl::SleepFor(wait);
+    } else if (!cancellation_->Sleep(wait)) {
+      return absl::CancelledError("the call was cancelled");
+    }
+    return WriteUnanswered();
   }
 
   // Waits until there is an answer or the stream is broken. DEADLINE_EXCEEDED if that takes too
@@ -214,59 +264,30 @@ class GrpcOutcomeStream final : public OutcomeStream {
     return absl::DeadlineExceededError("the server did not answer a report in time");
   }
 
-  // Returns whether there is an answer that postpones nothing.
   bool HasAnswer() {
     const MutexLock lock(mutex_);
-    return !answers_.empty() && PostponementIn(answers_.front()).ok();
+    return !answers_.empty();
   }
 
-  // Returns why the server postpones the first report that has no answer; OK if it does not.
-  absl::Status Postponement() {
-    const MutexLock lock(mutex_);
-    return answers_.empty() ? absl::OkStatus() : PostponementIn(answers_.front());
-  }
-
-  // Closes a stream whose next report the server postpones. The answers to those after it are
-  // dropped: they are sent again after it, and the server repeats what it answered.
-  void ClosePostponed() {
-    open_->context.TryCancel();
-    Close().IgnoreError();
-    const MutexLock lock(mutex_);
-    answers_.clear();
-  }
-
-  // Closes a stream that is broken, or whose next report the server postpones, and opens others
-  // until one has an answer.
+  // Closes a broken stream, and opens others until one has an answer.
   absl::Status Resume() {
     const ClientOptions& options = connection_.options;
-    absl::Status postponement = Postponement();
     RetryPolicy policy = options.retry;
     absl::Time give_up = absl::InfiniteFuture();
-    if (answered_ || !postponement.ok()) {
+    if (answered_) {
       policy.max_attempts = 1'000'000;
       give_up = absl::Now() + options.upload_patience;
     }
-    const auto attempt = [&]() -> absl::Status {
+    return RetryUnavailable(policy, give_up, cancellation_, options.on_retry, [this] {
       if (open_ == nullptr) {
         Open();
-        for (const v1::ReportOutcomesRequest& report : unanswered_) {
-          if (absl::Status status = Write(report); !status.ok()) return status;
-        }
+        if (absl::Status status = WriteUnanswered(); !status.ok()) return status;
         if (absl::Status status = AwaitAnswer(); !status.ok()) return status;
         if (HasAnswer()) return absl::OkStatus();
       }
-      postponement = Postponement();
-      if (!postponement.ok()) {
-        ClosePostponed();
-        return WithDetails(absl::UnavailableError(postponement.message()),
-                           ErrorDetailsOf(postponement));
-      }
       absl::Status status = Close();
       return status.ok() ? absl::UnavailableError("the server ended the stream") : status;
-    };
-    absl::Status status =
-        RetryUnavailable(policy, give_up, cancellation_, options.on_retry, attempt);
-    return absl::IsUnavailable(status) && !postponement.ok() ? postponement : status;
+    });
   }
 
   Connection& connection_;
@@ -276,9 +297,12 @@ class GrpcOutcomeStream final : public OutcomeStream {
 
   // Used by the caller's thread alone.
   std::unique_ptr<OpenCall> open_;
-  std::deque<v1::ReportOutcomesRequest> unanswered_;  // in the order in which they were sent
-  bool answered_ = false;                             // at least one report
-  absl::Status end_;                                  // not OK: the stream has failed
+  std::deque<Report> unanswered_;  // in the order in which the caller sent them
+  std::deque<Report*> sent_;       // of them, on the open stream, in the order of their answers
+  absl::Status postponement_;      // the last one
+  std::optional<absl::Time> postponed_since_;  // nothing was answered since then
+  bool answered_ = false;                      // at least one report
+  absl::Status end_;                           // not OK: the stream has failed
   bool finished_ = false;
 
   Mutex mutex_;

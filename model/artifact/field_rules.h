@@ -33,7 +33,7 @@ class FieldRules {
     if (violations_.size() < kMaxViolations) {
       violations_.push_back({std::move(field), std::move(description)});
     } else {
-      ++others_;
+      ++violations_.back().others;
     }
     return false;
   }
@@ -58,21 +58,17 @@ class FieldRules {
   void Include(const std::string& prefix, std::vector<scene::FieldViolation> part) {
     for (scene::FieldViolation& violation : part) {
       Require(false, prefix + violation.field, std::move(violation.description));
-      others_ += violation.others;
+      violations_.back().others += violation.others;
     }
   }
 
   // Returns whether every rule held.
   bool all_hold() const { return violations_.empty(); }
   // Returns the first kMaxViolations. The last one has the number of the others.
-  std::vector<scene::FieldViolation> violations() && {
-    if (!violations_.empty()) violations_.back().others = others_;
-    return std::move(violations_);
-  }
+  std::vector<scene::FieldViolation> violations() && { return std::move(violations_); }
 
  private:
   std::vector<scene::FieldViolation> violations_;
-  int64_t others_ = 0;  // violations that are not listed
 };
 
 }  // namespace maneuver::artifact

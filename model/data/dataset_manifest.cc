@@ -37,6 +37,8 @@ class Violations {
   void Add(std::string field, std::string description) {
     if (found_.size() < kMaxViolations) {
       found_.push_back({std::move(field), std::move(description)});
+    } else {
+      ++found_.back().others;
     }
   }
   std::vector<scene::FieldViolation> Take() { return std::move(found_); }

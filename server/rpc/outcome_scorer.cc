@@ -28,7 +28,8 @@ absl::Status TooManyWait() {
 }
 
 std::shared_ptr<void> OutcomeScorer::Reserve(int64_t bytes) {
-  const bool fits = (*bytes_ += bytes) <= kMostWaitingBytes;
+  const int64_t all = *bytes_ += bytes;
+  const bool fits = all <= kMostWaitingBytes || all == bytes;
   // A pointer that is not null, to nothing: its end, which may come after this object's, frees the
   // memory.
   std::shared_ptr<void> share(this, [reserved = bytes_, bytes](void*) { *reserved -= bytes; });

@@ -30,7 +30,8 @@ class OutcomeScorer {
       : context_(context), metrics_(metrics), pool_(pool), storage_(storage) {}
 
   // Reserves memory for a report of this size until the result is gone. Returns nullptr while the
-  // reports that wait or are being scored have 128 MiB: refuse it with TooManyWait().
+  // reports that wait or are being scored have 128 MiB: refuse it with TooManyWait(). One that is
+  // alone may have more.
   std::shared_ptr<void> Reserve(int64_t bytes);
   // Checks what can be checked without computing anything, and the caller's limit of targets.
   absl::Status Admit(const security::Credentials& caller, const v1::ReportOutcomesRequest& report);

@@ -1,5 +1,6 @@
 #include "server/rpc/prediction_plan.h"
 
+#include <algorithm>
 #include <memory>
 #include <string>
 #include <utility>
@@ -101,6 +102,8 @@ PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& s
                                                        "interact, or ask for several scenarios")});
     }
     if (!violations.empty()) {
+      // ValidateScenario stops at as many, so how many others there are is not known.
+      violations.resize(std::min(violations.size(), errors::kMaxListedViolations));
       planned.status = errors::InvalidFields(violations, path);
       continue;
     }

@@ -25,6 +25,7 @@ class PredictionReactor final : public InlineReactor<grpc::ServerUnaryReactor> {
     if (context.access.limits_targets()) {
       const absl::Status admitted = AdmitTargets(context.access, CredentialsOf(rpc), *io.scenarios);
       if (!admitted.ok()) {
+        rpc.GetRpcAllocatorState()->FreeRequest();
         Finish(ToGrpcStatus(admitted));
         return;
       }

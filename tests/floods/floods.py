@@ -225,7 +225,7 @@ class Trial:
         return subprocess.Popen(command, stdout=subprocess.PIPE)
 
     def loris_seconds(self):
-        return self.options.loris_seconds or (REQUEST_ARRIVES_S + REQUEST_S if self.edge else HANDSHAKE_S) + SLACK_S
+        return self.options.loris_seconds or (REQUEST_ARRIVES_S + REQUEST_S if self.edge else HANDSHAKE_S) + 2 * SLACK_S
 
     def bounds(self, name):
         """Whether an attack is bounded, through HAProxy or by the server itself."""

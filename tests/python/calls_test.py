@@ -531,9 +531,18 @@ class CallsTest(unittest.TestCase):
         answers = list(self.client().stream_outcomes(reports))
         self.assertEqual([answer.scores[0].targets[0].target_id for answer in answers],
                          list(range(8)))
-        sent = [request for stream in self.outcomes.streams for request in stream]
+        sent, = self.outcomes.streams
         self.assertEqual(len(set(sent)), 8)
-        self.assertGreater(len(sent), 8)
+        self.assertEqual(len(sent), 8 + 6)
+
+    def test_an_error_of_the_one_who_makes_reports_ends_the_stream_of_outcomes(self):
+        def reports():
+            yield [{"scenarioId": "drive", "targets": [{"targetId": 1}]}]
+            raise maneuver.ResourceExhaustedError(grpc.StatusCode.RESOURCE_EXHAUSTED, "of mine",
+                                                  retry_delay=0.01)
+
+        with self.assertRaisesRegex(maneuver.ResourceExhaustedError, "of mine"):
+            list(self.client().stream_outcomes(reports()))
 
     def test_a_dataset_has_the_time_of_an_upload_to_be_described(self):
         deadlines = maneuver.Deadlines(management=0.001)

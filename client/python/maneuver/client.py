@@ -162,8 +162,9 @@ class Client(Predictor):
         reports: each has the outcomes of one report_outcomes, at most 256 targets. They are taken
             as the server gets on: at most four are on their way.
         Yields for each report, in order, its scores, or the error of a report that was refused.
-        When the stream breaks, or the server has too much to do for a report, it waits and sends
-        those that have no answer again, as an upload goes on; the server counts each once.
+        When the stream breaks, it sends those that have no answer again, as an upload goes on. When
+        the server has too much to do for a report, it waits and sends that one again. The server
+        counts each once.
         timeout: seconds for the whole stream, in place of Deadlines.upload.
         """
         deadline = self._connection.deadline(timeout, self._connection.deadlines.upload)

@@ -18,7 +18,16 @@ from maneuver.uploads import PATIENCE
 MOST_UNANSWERED = 4
 
 
-def is_postponed(answer: Any) -> bool:
+class _Report:
+    """A report whose answer was not handed out yet."""
+
+    def __init__(self, request: v1.ReportOutcomesRequest) -> None:
+        self.request = request
+        # Waits for those of the reports before.
+        self.answer: Union[v1.ReportOutcomesResponse, ManeuverError, None] = None
+
+
+def _is_postponed(answer: Any) -> bool:
     """Returns whether the server wants to have this report again later."""
     return isinstance(answer, ResourceExhaustedError) and answer.retry_delay is not None
 
@@ -27,61 +36,86 @@ def stream_reports(connection: Connection, reports: Iterator[v1.ReportOutcomesRe
                    deadline: float) -> Iterator[Union[v1.ReportOutcomesResponse, ManeuverError]]:
     """Yields the answer to each report, in order. Each report has a request_id.
 
-    When the stream breaks, or the server has too much to do for a report, it waits, opens another
-    stream and sends the reports again that have no answer. Raises ManeuverError once that is in
-    vain.
+    When the stream breaks, it opens another one and sends the reports again that have no answer.
+    When the server has too much to do for a report, it waits and sends that one again. Raises
+    ManeuverError once that is in vain.
     """
-    unanswered: Deque[v1.ReportOutcomesRequest] = collections.deque()
+    waiting: Deque[_Report] = collections.deque()
     failures = 0
-    last_answer: Optional[float] = None
+    answered = False
+    since: Optional[float] = None  # the first failure or postponement after the last answer
+
+    def wait_or_raise(wait: float, failure: ManeuverError) -> None:
+        """Waits for as long. Raises `failure` instead if that would be too long."""
+        nonlocal since
+        now = connection.clock.now()
+        since = now if since is None else since
+        if now + wait >= min(since + PATIENCE, deadline):
+            raise failure
+        if connection.on_retry is not None:
+            connection.on_retry(failure, wait)
+        connection.clock.sleep(wait)
+
     while True:
         outgoing: "queue.SimpleQueue[Optional[v1.StreamOutcomesRequest]]" = queue.SimpleQueue()
-        for report in unanswered:
-            outgoing.put(v1.StreamOutcomesRequest(report=report))
+        sent: Deque[_Report] = collections.deque()  # in the order of their answers
+        postponement: Optional[ManeuverError] = None
+        broken: Optional[ManeuverError] = None
+
+        def send(report: _Report) -> None:
+            sent.append(report)
+            outgoing.put(v1.StreamOutcomesRequest(report=report.request))
+
+        for report in waiting:
+            if report.answer is None:
+                send(report)
         call: Any = connection.outcomes.StreamOutcomes(
             iter(outgoing.get, None), timeout=connection.left(deadline),
             metadata=connection.metadata)
         try:
-            while True:
-                while len(unanswered) < MOST_UNANSWERED:
+            while broken is None:
+                while len(waiting) < MOST_UNANSWERED:
                     following = next(reports, None)
                     if following is None:
                         break
-                    unanswered.append(following)
-                    outgoing.put(v1.StreamOutcomesRequest(report=following))
-                if not unanswered:
+                    waiting.append(_Report(following))
+                    send(waiting[-1])
+                if not waiting:
                     return
+                if not sent:
+                    assert postponement is not None
+                    wait_or_raise(max(connection.retries.initial_backoff,
+                                      postponement.retry_delay or 0.0), postponement)
+                    for report in waiting:
+                        if report.answer is None:
+                            send(report)
                 try:
                     message = next(call)
                 except grpc.RpcError as failure:
-                    raise retriable(failure) from None
+                    broken = retriable(failure)
+                    continue
                 except StopIteration:
-                    raise UnavailableError(grpc.StatusCode.UNAVAILABLE,
-                                           "the server ended the stream") from None
+                    broken = UnavailableError(grpc.StatusCode.UNAVAILABLE,
+                                              "the server ended the stream")
+                    continue
                 answer = (from_status(message.error) if message.WhichOneof("outcome") == "error"
                           else message.response)
-                if is_postponed(answer):
-                    if last_answer is None:
-                        last_answer = connection.clock.now()
-                    raise answer
-                unanswered.popleft()
-                failures, last_answer = 0, connection.clock.now()
-                yield answer
-        except (UnavailableError, ResourceExhaustedError) as failure:
-            if not (isinstance(failure, UnavailableError) or is_postponed(failure)):
-                raise
-            failures += 1
-            wait = max(backoff_after(connection.retries, failures, connection.clock.uniform()),
-                       failure.retry_delay or 0.0)
-            then = connection.clock.now() + wait
-            in_vain = (failures >= connection.retries.max_attempts if last_answer is None
-                       else then >= last_answer + PATIENCE)
-            if in_vain or then >= deadline:
-                raise
-            if connection.on_retry is not None:
-                connection.on_retry(failure, wait)
+                report = sent.popleft()
+                if _is_postponed(answer):
+                    postponement = answer
+                    continue
+                report.answer = answer
+                answered, failures, since = True, 0, None
+                while waiting and (ready := waiting[0].answer) is not None:
+                    waiting.popleft()
+                    yield ready
         finally:
             outgoing.put(None)  # lets gRPC's sender go
-            if unanswered:
+            if waiting:
                 call.cancel()
-        connection.clock.sleep(wait)
+        failures += 1
+        if not isinstance(broken, UnavailableError) or (
+                not answered and failures >= connection.retries.max_attempts):
+            raise broken
+        wait_or_raise(max(backoff_after(connection.retries, failures, connection.clock.uniform()),
+                          broken.retry_delay or 0.0), broken)
