@@ -5,7 +5,7 @@
 #   deploy/backup.sh DATA_DIR BACKUP [--previous OTHER_BACKUP] [--without-datasets] [--store URI]
 #
 # --store names the database of jobs and aliases, as for maneuverd, where they are in PostgreSQL.
-# BACKUP is made, and must not be there yet; it appears under its name once it is
+# BACKUP is made, and must not exist; it appears under its name once it is
 # whole. With --previous what has not changed since takes no space again (hard
 # links; on the same file system). deploy/restore.sh makes a data folder of it.
 # Needs rsync and sqlite3, or pg_dump for --store. Run it as the server's user, or as root.

@@ -51,8 +51,8 @@ bin="$PWD/build/release/bin"
 export PATH="$bin:$PATH"
 
 # What it made itself: the folder may have other things in it.
-$fresh && rm -rf "$work"/{data,town,unseen,unseen.json,pictures,ports.json,maneuverd.out,maneuverd.log}
-mkdir -p "$work/pictures"
+$fresh && rm -rf "$work"/{data,town,unseen,unseen.json,scenes,pictures,ports.json,maneuverd.out,maneuverd.log}
+mkdir -p "$work/pictures" "$work/scenes"
 
 step "Server"
 # Port 0: any free port. The server writes the ones it got into a file.
@@ -110,15 +110,15 @@ step "Both questions, about unseen scenes"
 maneuver scenario list "$work/unseen" --output json >"$work/unseen.json"
 mapfile -t scenes < <(grep -o '"scenario_\?[iI]d": *"[^"]*"' "$work/unseen.json" | cut -d'"' -f4 | head -n 3)
 for scene in "${scenes[@]}"; do
-  maneuver scenario extract "$work/unseen" "$scene" --out "$work/$scene.json"
+  maneuver scenario extract "$work/unseen" "$scene" --out "$work/scenes/$scene.json"
 done
-first="$work/${scenes[0]}.json"
+first="$work/scenes/${scenes[0]}.json"
 echo "What is the probability of each action here?"
 maneuver probability "$first"
 echo "What would the likely ones look like here?"
 maneuver distribution "$first"
 for scene in "${scenes[@]}"; do
-  maneuver predict "$work/$scene.json" --plot "$work/pictures/$scene.png" >/dev/null
+  maneuver predict "$work/scenes/$scene.json" --plot "$work/pictures/$scene.png" >/dev/null
 done
 
 step "Done"
@@ -127,7 +127,7 @@ for scene in "${scenes[@]}"; do echo "  $work/pictures/$scene.png"; done
 echo "  $work/pictures/actions.png"
 if $keep_running; then
   trap - EXIT
-  echo "The server goes on at $address (process $server). Try:"
+  echo "The server keeps running at $address (process $server). Try:"
   echo "  export MANEUVER_SERVER=$address PATH=$bin:\$PATH; maneuver model list"
   echo "  curl http://$metrics/metrics"
   echo "and stop it with: kill $server"

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes a data folder of a back-up that deploy/backup.sh made, after checking that
+# Makes a data folder from a back-up that deploy/backup.sh made, after checking that
 # each of its files still has the bytes that it was written with.
 #
 #   deploy/restore.sh BACKUP DATA_DIR [--owner USER] [--store URI]

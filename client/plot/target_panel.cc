@@ -289,8 +289,12 @@ Box TargetPanel::LegendBox(const ScenePanel& panel, const Line& truth) const {
     label_width = std::max(label_width, Canvas::TextWidth(NameOf(action), kLetters));
   }
   if (label_width > 0.0) label_width += 14.0;
-  const size_t rows = LegendActions() + Keys(!truth.empty()).size();
-  const double width = 34.0 + 24.0 + label_width + kBar + 78.0;
+  const std::vector<Key> keys = Keys(!truth.empty());
+  const size_t rows = LegendActions() + keys.size();
+  double width = LegendActions() == 0 ? 0.0 : 34.0 + 24.0 + label_width + kBar + 78.0;
+  for (const Key& key : keys) {
+    width = std::max(width, 44.0 + Canvas::TextWidth(key.text, kLetters) + 10.0);
+  }
   const double height = kRow * static_cast<double>(rows) + 14.0;
   const Box& box = panel.axes.box();
   const double right = box.right() - width - 10.0;

@@ -1,5 +1,6 @@
 #include "model/learning/trainer.h"
 
+#include <ATen/Context.h>
 #include <ATen/Parallel.h>
 #include <google/protobuf/util/message_differencer.h>
 
@@ -337,6 +338,8 @@ std::vector<std::string> UsableDevices() {
   if (at::hasCUDA()) return {"cpu", "cuda"};
   return {"cpu"};
 }
+
+void FlushDenormals() { at::globalContext().setFlushDenormal(true); }
 
 absl::StatusOr<v1::ModelManifest> Train(const TrainingRun& run,
                                         const std::vector<std::filesystem::path>& datasets) {

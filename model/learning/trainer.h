@@ -74,6 +74,12 @@ struct TrainingRun {
 // was built with CUDA and finds a GPU.
 std::vector<std::string> UsableDevices();
 
+// From here on the processor takes denormal numbers (floats below 1.2e-38, doubles below 2.2e-308)
+// as 0, in this thread and in those that it starts. Trainings meet many of them, and Intel's
+// processors need far longer for each than for others. A program calls this once, before its first
+// training and before other threads.
+void FlushDenormals();
+
 // Reads the folders and learns. The same settings, data and number of threads give the same weights
 // on the CPU. Nothing is left at `output` unless it succeeds. A rank other than 0 returns an empty
 // manifest.

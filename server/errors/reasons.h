@@ -109,8 +109,8 @@ inline constexpr ReasonEntry kReasons[] = {
      "the server does not have the map in the metadata's `map_id`, or has dropped it",
      "register it with RegisterMap and repeat the request"},
     {"ACTION_NAME_GONE", "FAILED_PRECONDITION",
-     "no action of the version bears one of the required_action_names: the metadata's "
-     "`action_name_0`, `action_name_1` and so on",
+     "the version lacks some of the required_action_names: the metadata's `action_name_0`, "
+     "`action_name_1` and so on",
      "list the actions of `model_version` with GetActionSet and require their names, or give one "
      "the missing name with LabelAction"},
     {"OUTCOMES_NOT_COLLECTED", "FAILED_PRECONDITION",
@@ -168,9 +168,9 @@ inline constexpr ReasonEntry kReasons[] = {
      "ask QueryUpload, or QueryModelUpload, a little later and go on from there, as the client "
      "library does"},
     {"UPLOAD_TAKEN_OVER", "ABORTED",
-     "the same caller has begun another upload of this dataset, or to this model, which goes on in "
-     "place of this one",
-     "let that one end; upload the same from one place"},
+     "the same caller has begun another upload of this dataset, or to this model, which replaces "
+     "this one",
+     "wait for it, and upload from one place only"},
     {"DATASET_IN_USE", "FAILED_PRECONDITION",
      "the job in the metadata needs the dataset that is to be deleted",
      "wait for the job, or cancel it"},

@@ -50,9 +50,10 @@ void AddJobOptions(CLI::App& app, JobOptions& options) {
                  "0: one for each core, or any number with --trainer-command")
       ->check(CLI::Range(0, 64))
       ->capture_default_str();
-  app.add_option("--job-memory", options.memory,
-                 "Most memory of a job that this server takes, of several that share, such as "
-                 "24GiB; 0: the machine's by --max-running-jobs, or any with --trainer-command")
+  app.add_option(
+         "--job-memory", options.memory,
+         "Most memory of a job that this server takes, of several that share, such as "
+         "24GiB; 0: the machine's, divided by --max-running-jobs, or any with --trainer-command")
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();

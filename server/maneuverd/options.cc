@@ -135,7 +135,7 @@ void AddSecurityFlags(CLI::App& app, SecurityFlags* flags, ServerOptions* option
       ->check(CLI::Range(1, 1024))
       ->capture_default_str();
   app.add_option("--max-connections", options->limits.max_connections,
-                 "Most connections; the newest of more are closed")
+                 "Most connections; if there are more, the newest are closed")
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
   app.add_option("--max-streams", options->limits.max_streams,
@@ -303,8 +303,8 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
                  "postgresql://maneuver@db.example/maneuver?sslmode=verify-full, made by "
                  "\"maneuverd store migrate\"; without it they are in the data folder");
   app.add_flag("--shared", options.is_shared,
-               "Share the data folder and the database of --store with other servers, which do so, "
-               "too");
+               "Share the data folder and the database of --store with other servers, which are "
+               "shared too");
   app.add_option("--role", role,
                  "What this server is for, of several that share: serve answers predictions, work "
                  "runs jobs, all does both, api neither; each answers all other calls")
@@ -351,7 +351,7 @@ std::variant<ServerOptions, int> ParseCommandLine(int argc, const char* const* a
       ->capture_default_str();
   app.add_option("--max-send-memory", options.sends.max_send_memory,
                  "Most bytes of all answers that callers have not read yet, such as 1GiB; above it "
-                 "calls are refused, but those that stop or remove something")
+                 "calls are refused, except those that stop or remove something")
       ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
       ->check(CLI::PositiveNumber)
       ->capture_default_str();

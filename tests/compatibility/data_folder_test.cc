@@ -194,7 +194,8 @@ TEST_P(ModelFolderTest, ClassifiesAsItDid) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Releases, ModelFolderTest,
-                         testing::Combine(testing::Values("2026-11-lanes", "2026-11-lanes-agents"),
+                         testing::Combine(testing::Values("2026-11-raster", "2026-11-lanes",
+                                                          "2026-11-lanes-agents"),
                                           testing::ValuesIn(kernels::KernelTargets())),
                          [](const auto& each) {
                            std::string name = std::string("Of_") + std::get<0>(each.param) + "_" +

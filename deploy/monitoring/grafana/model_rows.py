@@ -110,7 +110,7 @@ def outcomes():
                [query(mean("maneuver_outcome_nll_nats", "model_version"), "{{model_version}}")], "none"),
         curves("Which actions are more probable than in training, or less?",
                "Difference of the mean p(y|s), by action number: maneuver model actions names them. ManeuverActionsDrift tells what is no "
-               "chance: train on recordings of now.",
+               "chance: train on recent recordings.",
                [query(share("maneuver_outcome_action_probability_total", "action")
                       + " - max by (model_version, action) (maneuver_outcome_expected_action_ratio{SERVER})",
                       "{{model_version}} action {{action}}")], "percentunit"),
@@ -129,7 +129,7 @@ def outcomes():
                       "{{model_version}}")], "percentunit", least=0),
         curves("Does the fleet meet what the model was trained on?",
                "Share of the outcomes whose target is faster or slower than all held-out examples of the training, with more or fewer "
-               "agents, or map features within 50 m. Should be near 0: otherwise train on recordings of now.",
+               "agents, or map features within 50 m. Should be near 0: otherwise train on recent recordings.",
                [query(share("maneuver_outcome_outside_training_total", "input"), "{{model_version}} {{input}}")], "percentunit",
                least=0),
         curves("Are outcomes reported and scored?",

@@ -136,6 +136,7 @@ int main(int argc, char** argv) {
     return Finish(0);
   }
   maneuver::trainer::InstallStopSignals();
+  if (train.chosen() || cross_validate.chosen()) maneuver::learning::FlushDenormals();
   if (train.chosen()) return Finish(train.Run({argv, argv + argc}));
   if (match.chosen()) return Finish(match.Run());
   if (cross_validate.chosen()) return Finish(cross_validate.Run());

@@ -7,6 +7,7 @@
 #include <future>
 #include <map>
 #include <mutex>
+#include <set>
 #include <string>
 #include <thread>
 #include <vector>
@@ -85,10 +86,9 @@ TEST(OutcomeStreamTest, ABrokenStreamOfOutcomesIsResumedWithWhatHasNoAnswer) {
 }
 
 // Returns the answer of a server that wants to have a report again later.
-v1::StreamOutcomesResponse Postponed() {
-  const absl::Status busy =
-      WithDetails(absl::ResourceExhaustedError("too many outcomes wait"),
-                  {.reason = "TOO_MANY_REQUESTS", .retry_delay = absl::Milliseconds(20)});
+v1::StreamOutcomesResponse Postponed(absl::Duration delay = absl::Milliseconds(20)) {
+  const absl::Status busy = WithDetails(absl::ResourceExhaustedError("too many outcomes wait"),
+                                        {.reason = "TOO_MANY_REQUESTS", .retry_delay = delay});
   v1::StreamOutcomesResponse response;
   v1::Status& error = *response.mutable_error();
   error.set_code(static_cast<int>(busy.code()));
@@ -218,6 +218,60 @@ TEST(OutcomeStreamTest, AStreamOfOutcomesWhoseReportIsPostponedForTooLongEndsWit
   EXPECT_TRUE(absl::IsResourceExhausted(end)) << end;
   EXPECT_EQ(ErrorDetailsOf(end).reason, "TOO_MANY_REQUESTS");
   EXPECT_EQ(answers, 0);
+}
+
+TEST(OutcomeStreamTest, PatienceWithPostponedReportsBeginsAnewAfterAnAnswer) {
+  TestServer server;
+  std::set<int> postponed;  // the first report and the fifth, once each
+  server.on_stream_outcomes = [&](OutcomeServerStream* stream) {
+    v1::StreamOutcomesRequest request;
+    while (stream->Read(&request)) {
+      const int outcomes = request.report().outcomes_size();
+      if (outcomes % 4 == 1 && postponed.insert(outcomes).second) {
+        stream->Write(Postponed(absl::Milliseconds(300)));
+      } else {
+        AnswerReport(request.report(), stream);
+      }
+    }
+    return grpc::Status::OK;
+  };
+  ClientOptions options = OptionsFor(server.address());
+  options.upload_patience = absl::Milliseconds(500);  // for one delay, but not for two
+  const auto client = Client::Connect(options);
+  ASSERT_TRUE(client.ok()) << client.status();
+  int answers = 0;
+  const auto on_answer = [&](const auto&, const auto& answer) { answers += answer.ok() ? 1 : 0; };
+  const auto stream = (*client)->StreamOutcomes(on_answer);
+  for (int i = 1; i <= 8; ++i) ASSERT_TRUE(stream->Send(ReportOf(i)).ok());
+  const absl::Status end = stream->Finish();
+  EXPECT_TRUE(end.ok()) << end;
+  EXPECT_EQ(answers, 8);
+  EXPECT_EQ(postponed.size(), 2U);
+}
+
+TEST(OutcomeStreamTest, APostponedReportWaitsForTheFirstBackoffAtLeast) {
+  TestServer server;
+  server.on_stream_outcomes = [](OutcomeServerStream* stream) {
+    v1::StreamOutcomesRequest request;
+    for (int times = 1; stream->Read(&request); ++times) {
+      if (times <= 3) {
+        stream->Write(Postponed(absl::ZeroDuration()));
+      } else {
+        AnswerReport(request.report(), stream);
+      }
+    }
+    return grpc::Status::OK;
+  };
+  ClientOptions options = OptionsFor(server.address());
+  options.retry.initial_backoff = absl::Milliseconds(30);
+  std::vector<absl::Duration> waits;
+  options.on_retry = [&](const absl::Status&, absl::Duration wait) { waits.push_back(wait); };
+  const auto client = Client::Connect(options);
+  ASSERT_TRUE(client.ok()) << client.status();
+  const auto stream = (*client)->StreamOutcomes(nullptr);
+  stream->Send(ReportOf(1)).IgnoreError();
+  EXPECT_TRUE(stream->Finish().ok());
+  EXPECT_EQ(waits, std::vector<absl::Duration>(3, absl::Milliseconds(30)));
 }
 
 TEST(OutcomeStreamTest, AStreamOfOutcomesEndsWithAnErrorThatIsNotRetried) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <vector>
 
@@ -192,14 +193,27 @@ TEST(ScenePlotTest, DrawsLanePathsIfAskedFor) {
   }
 }
 
-TEST(ScenePlotTest, ShowsWholePathsWithoutActions) {
+// Returns the picture of a scene with lane paths and without an answer.
+cv::Mat LanePathsWithoutActions() {
   ScenePlotOptions options = Options();
   options.lane_paths = true;
   v1::ScenarioPrediction nothing;
   nothing.add_targets()->set_target_id(7);
-  const cv::Mat picture = Decode(*DrawScene(SceneWithLanes(), nothing, options));
+  return Decode(*DrawScene(SceneWithLanes(), nothing, options));
+}
+
+TEST(ScenePlotTest, ShowsWholePathsWithoutActions) {
+  const cv::Mat picture = LanePathsWithoutActions();
   const PictureFrame frame(picture);
   EXPECT_LT(frame.NearestDistance(picture, 95.0, 0.0, {64, 196, 188}), 40);
+}
+
+TEST(ScenePlotTest, TheLegendOfAPanelWithoutActionsStaysWithinItsAxes) {
+  const cv::Mat picture = LanePathsWithoutActions();
+  const cv::Mat beside = picture(cv::Rect(picture.cols - 14, 50, 14, 200));
+  const cv::Vec3b ground = picture.at<cv::Vec3b>(0, picture.cols - 1);
+  const cv::Mat even(beside.size(), beside.type(), cv::Scalar(ground[0], ground[1], ground[2]));
+  EXPECT_EQ(cv::norm(beside, even, cv::NORM_INF), 0.0);
 }
 
 TEST(ScenePlotTest, TruthEndsAtTheHorizon) {

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 #include <set>
+#include <thread>
 
 #include "model/artifact/model_folder.h"
 #include "model/artifact/model_spec.h"
@@ -386,6 +387,24 @@ TEST_F(TrainingTest, PlacesComponentsOnTheEncodingsOfClusters) {
   }
   EXPECT_NEAR(networks.MixtureLogWeights().exp().sum().item<double>(), 1.0, 1e-5);
   EXPECT_GT(networks["mixture.mean"].var(0).sum().item<double>(), 0.1);
+}
+
+TEST(TrainerTest, DenormalsAreFlushedInTheThreadThatAsksAndInThoseThatItStarts) {
+  const auto tiny = [] {
+    volatile float factor = 1e-30f;
+    return factor * 1e-10f;
+  };
+  EXPECT_GT(tiny(), 0.0f);
+  float own = -1.0f;
+  float started = -1.0f;
+  std::thread([&] {
+    FlushDenormals();
+    own = tiny();
+    std::thread([&] { started = tiny(); }).join();
+  }).join();
+  EXPECT_EQ(own, 0.0f);
+  EXPECT_EQ(started, 0.0f);
+  EXPECT_GT(tiny(), 0.0f);
 }
 
 }  // namespace
