@@ -69,9 +69,20 @@ run_fold() { # option... row fold seeds
 }
 export bin results folds
 export -f run_fold
+
+# What RESULTS has of a row must be of the same run: other seeds, folds or data are another figure.
+for row in $rows; do
+  [ -n "${settings[$row]:-}" ] || { echo "ladder: there is no row $row; there are ${!settings[*]}" >&2; exit 2; }
+  run="seeds ${SEEDS:-${row_seeds[$row]:-1}}, $folds folds of $*${other:+, also measured on $other}, settings ${settings[$row]}"
+  if [ -e "$results/$row.run" ] && [ "$(<"$results/$row.run")" != "$run" ]; then
+    echo "ladder: $results has $row with $(<"$results/$row.run"); to run it with $run, name another folder as RESULTS" >&2
+    exit 2
+  fi
+  echo "$run" >"$results/$row.run"
+  echo "${settings[$row]}" >"$results/$row.settings.json"
+done
 for row in $rows; do
   [ -s "$results/$row.json" ] && continue
-  echo "${settings[$row]}" >"$results/$row.settings.json"
   for fold in $(seq "$folds"); do
     [ -s "$results/$row.$fold.part" ] || echo "$row $fold ${SEEDS:-${row_seeds[$row]:-1}}"
   done
