@@ -39,6 +39,7 @@ constexpr int kIoBestEffort = 2;
 constexpr int kIoClassShift = 13;
 constexpr int kIoLastLevel = 7;
 constexpr size_t kMaxLine = size_t{1} << 20;
+constexpr int kPipeBytes = 64 * 1024;  // what a pipe usually holds
 constexpr milliseconds kTick{200};
 // While there is nothing left to read but the process has not ended.
 constexpr milliseconds kClosedTick{5};
@@ -164,19 +165,22 @@ class LineReader {
  public:
   explicit LineReader(const std::function<void(const std::string&)>& on_line) : on_line_(on_line) {}
 
-  // Reads what is there. False at the end of the file.
+  // Reads what is there in a pipe, at most what it holds: a process that writes faster than its
+  // lines are taken must not keep its reader from stopping it. False at the end of the file.
   bool Drain(int descriptor) {
     char buffer[16 * 1024];
-    for (;;) {
+    for (int left = std::max(kPipeBytes, fcntl(descriptor, F_GETPIPE_SZ)); left > 0;) {
       const ssize_t count = read(descriptor, buffer, sizeof buffer);
       if (count > 0) {
         Take({buffer, static_cast<size_t>(count)});
+        left -= static_cast<int>(count);
       } else if (count == 0) {
         return false;
       } else if (errno != EINTR) {
         return errno == EAGAIN;
       }
     }
+    return true;
   }
 
  private:
@@ -272,11 +276,12 @@ void StopRequest::Stop(Reason reason) {
   [[maybe_unused]] const ssize_t ignored = write(descriptor_, &one, sizeof one);
 }
 
-void StopRequest::Kill(Reason reason) {
+bool StopRequest::Kill(Reason reason) {
   Stop(reason);
   const MutexLock lock(mutex_);
-  kills_ = true;
+  const bool is_first = !std::exchange(kills_, true);
   if (group_ > 0) kill(-group_, SIGKILL);
+  return is_first;
 }
 
 void StopRequest::SetGroup(pid_t group) {

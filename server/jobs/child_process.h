@@ -31,8 +31,9 @@ class StopRequest {
 
   // Asks for a stop. The first reason counts.
   void Stop(Reason reason);
-  // Asks for a stop, and kills the process that runs at once, if there is one.
-  void Kill(Reason reason);
+  // Asks for a stop, and kills the process that runs at once, if there is one. Returns whether this
+  // is the first call.
+  bool Kill(Reason reason);
   // Names the process group that Kill kills; 0: none. Call with 0 before the group's id may become
   // another group's.
   void SetGroup(pid_t group);

@@ -140,6 +140,7 @@ absl::StatusOr<std::vector<v1::Job>> JobEventReader::Next(int limit) {
   running.clear_model_version();
   running.clear_evaluation();
   running.clear_cross_validation();
+  running.clear_tagged();
   running.clear_promotion_decision();
   running.clear_attempts();
   running.clear_cancel_requested();

@@ -14,9 +14,9 @@ using monitoring::LogLevel;
 constexpr std::chrono::milliseconds kGuardInterval{200};
 
 void Kill(const JobLease& lease, StopRequest& run) {
-  if (run.reason() == StopRequest::Reason::kLeaseLost) return;
+  // Its reason does not tell: the job may have been cancelled before.
+  if (!run.Kill(StopRequest::Reason::kLeaseLost)) return;
   Log(LogLevel::kWarning, "job was killed: its lease could not be renewed", {{"job", lease.job}});
-  run.Kill(StopRequest::Reason::kLeaseLost);
 }
 
 }  // namespace

@@ -66,7 +66,7 @@ Supervisor::Supervisor(SupervisorOptions options, JobStore& store, data::Dataset
       replicas_(replicas),
       interruptions_(metrics.AddCounter("maneuver_job_interruptions_total",
                                         "Processes of jobs that died or were cut off.")),
-      devices_(options_.trainer),
+      devices_(options_.trainer, options_.graphics),
       curves_(metrics, options_.max_running_jobs) {
   for (const v1::JobState state : kJobStates) {
     gauges_[state] = &metrics.AddGauge("maneuver_jobs", "Jobs by state.",
@@ -171,6 +171,7 @@ void Supervisor::GiveUpAttempt(v1::Job& job) const {
   EndAttempt(job, folder, std::max(begun, ToTime(job.progress().time())), /*died=*/true);
   // A worker that is slow rather than gone may still write there.
   if (!IsShared()) RemoveJobOutput(folder);
+  job.clear_last_lines();  // of an earlier process
   if (job.cancel_requested()) {
     job.set_state(v1::JOB_STATE_CANCELLED);
     job.clear_cancel_requested();
@@ -192,9 +193,17 @@ std::optional<WorkerCapacity> Supervisor::Capacity() {
 }
 
 void Supervisor::RunJobs(int slot) {
-  const std::optional<WorkerCapacity> capacity = IsShared() ? Capacity() : std::nullopt;
   MutexLock lock(mutex_);
   while (!stops_) {
+    std::optional<WorkerCapacity> capacity;
+    if (IsShared()) {
+      // Each time: a driver may come after the server, which then tells the others that it has the
+      // device. May take seconds.
+      lock.Unlock();
+      capacity = Capacity();
+      lock.Lock();
+      if (stops_) break;
+    }
     const auto before = std::chrono::steady_clock::now();
     const auto claimed = store_.Claim(
         [this](v1::Job& job) {
@@ -280,8 +289,9 @@ void Supervisor::EndRun(v1::Job job, const JobLease& lease) {
       status = store_.Finish(lease, end);
       if (status.ok()) break;
       LogFailure("end of a job not stored", job.name(), status);
-      // Whoever finds it without a lease goes on with it.
-      if (stops_ || absl::IsAborted(status)) break;
+      // Whoever finds it without a lease goes on with it. One that is damaged stays so: the jobs
+      // after it do not wait for that.
+      if (stops_ || absl::IsAborted(status) || absl::IsDataLoss(status)) break;
       changed_.WaitFor(mutex_, kRetry);
     }
     running_.erase(job.name());

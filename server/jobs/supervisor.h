@@ -59,6 +59,8 @@ struct SupervisorOptions {
   int64_t job_ranks = std::numeric_limits<int64_t>::max();
   int64_t job_memory = std::numeric_limits<int64_t>::max();  // bytes
   int max_pending_jobs = 1'000;
+  // As in TrainingDevices: of the drivers for NVIDIA and AMD, and of Windows' Linux.
+  std::vector<std::filesystem::path> graphics = {"/dev/nvidiactl", "/dev/kfd", "/dev/dxg"};
   // Time from SIGTERM to SIGKILL for a job that is cancelled or interrupted by Stop.
   std::chrono::milliseconds patience{5'000};
   std::function<absl::Time()> now = absl::Now;

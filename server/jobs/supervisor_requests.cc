@@ -273,8 +273,11 @@ absl::StatusOr<v1::Job> Supervisor::Admit(v1::Job job, const std::string& reques
     if (status.ok()) status = store_.Add(job, request_id, digest);
     if (!status.ok()) {
       if (made_tags) WithdrawTags(job);
-      std::error_code ignored;  // the next start removes what is left
-      fs::remove_all(FolderOf(job.name()), ignored);
+      // If only the store's answer was lost, another server may run the job by now.
+      if (!IsShared() || !errors::IsStoreAway(status)) {
+        std::error_code ignored;  // the next start removes what is left
+        fs::remove_all(FolderOf(job.name()), ignored);
+      }
       if (absl::IsPermissionDenied(status)) {
         // The server's, not the caller's.
         return errors::WithReason(absl::InternalError(status.message()), "STORAGE_INACCESSIBLE");
@@ -431,7 +434,8 @@ absl::Status Supervisor::DeleteDataset(const std::string& id) {
     const MutexLock lock(mutex_);
     for (const v1::JobState state : {v1::JOB_STATE_PENDING, v1::JOB_STATE_RUNNING}) {
       const auto jobs = store_.ListInState(state, std::nullopt);
-      if (!jobs.ok()) return jobs.status();
+      // Of the store: the caller would take it for the dataset's.
+      if (!jobs.ok()) return errors::WithStorageReason(jobs.status());
       for (const v1::Job& job : *jobs) {
         const std::vector<std::string> needed = DatasetIds(job);
         if (std::ranges::find(needed, id) == needed.end()) continue;

@@ -63,7 +63,8 @@ absl::Status Supervisor::DeleteTags(const std::string& id) {
     const MutexLock lock(mutex_);
     for (const v1::JobState state : {v1::JOB_STATE_PENDING, v1::JOB_STATE_RUNNING}) {
       const auto jobs = store_.ListInState(state, std::nullopt);
-      if (!jobs.ok()) return jobs.status();
+      // Of the store: the caller would take it for the tags'.
+      if (!jobs.ok()) return errors::WithStorageReason(jobs.status());
       for (const v1::Job& job : *jobs) {
         if (!job.has_tag() || TagsId(job) != id) continue;
         return errors::WithReason(

@@ -1,9 +1,7 @@
 #include "server/jobs/training_devices.h"
 
 #include <algorithm>
-#include <array>
 #include <chrono>
-#include <filesystem>
 #include <system_error>
 
 #include "absl/strings/str_cat.h"
@@ -13,9 +11,6 @@
 
 namespace maneuver::jobs {
 namespace {
-
-// Of the drivers for NVIDIA and AMD, and of Windows' Linux.
-constexpr std::array kGraphics = {"/dev/nvidiactl", "/dev/kfd", "/dev/dxg"};
 
 constexpr std::chrono::minutes kBetweenQuestions{5};
 // Less than other servers wait for a sign of life.
@@ -38,7 +33,7 @@ std::set<std::string> TrainingDevices::Usable() {
   const std::set<std::string> cpu = {"cpu"};
   std::error_code ignored;
   const bool has_graphics = std::ranges::any_of(
-      kGraphics, [&](const char* device) { return std::filesystem::exists(device, ignored); });
+      graphics_, [&](const auto& file) { return std::filesystem::exists(file, ignored); });
   if (!has_graphics) return cpu;
   const MutexLock lock(mutex_);
   // A driver that is slow after a boot is asked again, now and then.

@@ -4,10 +4,12 @@
 #define MANEUVER_SERVER_JOBS_TRAINING_DEVICES_H_
 
 #include <chrono>
+#include <filesystem>
 #include <optional>
 #include <set>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
@@ -21,7 +23,9 @@ namespace maneuver::jobs {
 class TrainingDevices {
  public:
   //   trainer: the maneuver-trainer program.
-  explicit TrainingDevices(std::string trainer) : trainer_(std::move(trainer)) {}
+  //   graphics: files of which a machine with the driver of a graphics processor has one
+  TrainingDevices(std::string trainer, std::vector<std::filesystem::path> graphics)
+      : trainer_(std::move(trainer)), graphics_(std::move(graphics)) {}
 
   // INVALID_ARGUMENT for the field settings.device if the trainer says that it cannot use `device`.
   // OK if it cannot be asked: the job itself then says what is wrong. May wait seconds, the first
@@ -36,6 +40,7 @@ class TrainingDevices {
   std::optional<std::set<std::string>> Ask() const;
 
   const std::string trainer_;
+  const std::vector<std::filesystem::path> graphics_;
   Mutex mutex_;
   std::optional<std::set<std::string>> usable_ ABSL_GUARDED_BY(mutex_);
   std::chrono::steady_clock::time_point ask_at_ ABSL_GUARDED_BY(mutex_){};  // if it did not answer

@@ -142,6 +142,24 @@ TEST_F(ChildProcessTest, IsStoppedWhenItsTimeIsUp) {
                    ->timed_out);
 }
 
+TEST_F(ChildProcessTest, IsStoppedEvenIfItWritesFasterThanItsLinesAreTaken) {
+  constexpr int kTooMany = 300'000;
+  ChildCommand command{.arguments = {"yes"}, .log = folder_ / "log"};
+  command.time_limit = std::chrono::milliseconds(50);
+  command.yields = false;
+  int lines = 0;
+  const auto take = [&](const std::string&) {
+    const auto taken = std::chrono::steady_clock::now() + std::chrono::microseconds(5);
+    while (std::chrono::steady_clock::now() < taken) {
+    }
+    if (++lines == kTooMany) stop_.Kill(StopRequest::Reason::kCancelled);  // ends the test
+  };
+  const auto late = RunChild(command, stop_, take, [] {});
+  ASSERT_TRUE(late.ok()) << late.status();
+  EXPECT_TRUE(late->timed_out);
+  EXPECT_LT(lines, kTooMany);
+}
+
 TEST_F(ChildProcessTest, InheritsNoDescriptors) {
   int ends[2];
   ASSERT_EQ(pipe(ends), 0);  // not close-on-exec

@@ -5,10 +5,14 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <condition_variable>
+#include <fstream>
+#include <mutex>
 #include <random>
 #include <set>
 #include <thread>
 
+#include "server/jobs/job_folder.h"
 #include "tests/unit/server/jobs/supervisor_fixture.h"
 
 namespace maneuver::jobs::job_concurrency_test {
@@ -112,6 +116,28 @@ class RecordingStore : public JobStore {
   JobStore& store_;
   std::mutex mutex_;
   std::vector<Change> changes_;  // guarded by mutex_
+};
+
+// A store that servers share. Whenever this one adds a job, another server begins it at once, and
+// the answer to this one is lost.
+class LosingStore final : public RecordingStore {
+ public:
+  LosingStore(JobStore& store, std::filesystem::path folder)
+      : RecordingStore(store), folder_(std::move(folder)) {}
+
+  std::optional<std::chrono::milliseconds> LeaseTime() const override {
+    return std::chrono::seconds(15);
+  }
+  absl::Status Add(const v1::Job& job, const std::string& request_id,
+                   const std::string& request_digest) override {
+    absl::Status status = RecordingStore::Add(job, request_id, request_digest);
+    if (!status.ok()) return status;
+    EXPECT_TRUE(MakeAttemptFolder(folder_ / job.name(), 1).ok());
+    return errors::WithReason(absl::UnavailableError("the answer is lost"), "STORE_UNAVAILABLE");
+  }
+
+ private:
+  const std::filesystem::path folder_;
 };
 
 // The queue as docs/guides/jobs.md describes it, written down once more.
@@ -301,6 +327,18 @@ class JobConcurrencyTest : public SupervisorTest {
   }
 };
 
+TEST_F(JobConcurrencyTest, AJobWhoseAdmissionWasLostKeepsItsFolderForTheServerThatRunsIt) {
+  LosingStore store(*store_, folder_.path());
+  SupervisorOptions options = Options();
+  options.max_running_jobs = 0;  // the other server runs it
+  options.new_id = [] { return "lost"; };
+  const auto supervisor = Supervisor::Start(std::move(options), store, *datasets_, versions_);
+  ASSERT_TRUE(supervisor.ok()) << supervisor.status();
+  const absl::Status status = (*supervisor)->Train(TrainTown()).status();
+  EXPECT_TRUE(errors::IsStoreAway(status)) << status;
+  EXPECT_TRUE(std::filesystem::exists(folder_ / "jobs/lost/attempts/1/settings.json"));
+}
+
 TEST_F(JobConcurrencyTest, TwoHundredConcurrentClientsCauseOnlyAllowedMoves) {
   RecordingStore store(*store_);
   SupervisorOptions options = Options();
@@ -339,6 +377,51 @@ TEST_F(JobConcurrencyTest, TwoHundredConcurrentClientsCauseOnlyAllowedMoves) {
   EXPECT_GT(model.interrupted(), 0);
   EXPECT_GT(model.succeeded().size(), 10u);
   EXPECT_LT(stored.size(), 100u);
+}
+
+// A store that servers share.
+class SharedStore final : public RecordingStore {
+ public:
+  using RecordingStore::RecordingStore;
+
+  std::optional<std::chrono::milliseconds> LeaseTime() const override {
+    return std::chrono::milliseconds(80);
+  }
+  absl::StatusOr<std::optional<ClaimedJob>> Claim(
+      const JobEdit& begin, const std::optional<WorkerCapacity>& worker) override {
+    {
+      const std::lock_guard lock(devices_mutex_);
+      devices_ = worker ? worker->devices : std::set<std::string>();
+    }
+    changed_.notify_all();
+    return RecordingStore::Claim(begin, worker);
+  }
+
+  // Waits until a job is asked for that may need the device. False after a minute.
+  bool WaitForDevice(const std::string& device) {
+    std::unique_lock lock(devices_mutex_);
+    return changed_.wait_for(lock, std::chrono::seconds(60),
+                             [&] { return devices_.contains(device); });
+  }
+
+ private:
+  std::mutex devices_mutex_;
+  std::condition_variable changed_;
+  std::set<std::string> devices_;  // of the latest Claim
+};
+
+TEST_F(JobConcurrencyTest, TakesJobsForADeviceWhoseDriverCameAfterTheServer) {
+  Trainer("[ $command = devices ] && echo cpu && echo cuda");
+  SharedStore store(*store_);
+  SupervisorOptions options = Options();
+  options.graphics = {folder_ / "driver"};
+  const auto supervisor = Supervisor::Start(std::move(options), store, *datasets_, versions_);
+  ASSERT_TRUE(supervisor.ok()) << supervisor.status();
+  EXPECT_TRUE(store.WaitForDevice("cpu"));
+  std::ofstream(folder_ / "driver") << "";
+  EXPECT_TRUE(store.WaitForDevice("cuda"));
+  const auto told = (*supervisor)->Capacity();  // to the other servers
+  EXPECT_TRUE(told && told->devices.contains("cuda"));
 }
 
 }  // namespace

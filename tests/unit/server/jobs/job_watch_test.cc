@@ -84,6 +84,23 @@ TEST_F(JobNewsTest, AReadThatIsCutShortAnswersNoLaterOne) {
   }
 }
 
+TEST_F(JobNewsTest, ALateReaderGetsWhatATaggingMadeOnlyWithItsEnd) {
+  const auto claimed = store_->Claim([](v1::Job&) {});
+  ASSERT_TRUE(claimed.ok() && *claimed) << claimed.status();
+  ASSERT_TRUE(store_->AddProgress((*claimed)->lease, Event(1)).ok());
+  const auto end = [](v1::Job& job) {
+    job.set_state(v1::JOB_STATE_SUCCEEDED);
+    job.mutable_tagged()->set_name("tags/june");
+  };
+  ASSERT_TRUE(store_->Finish((*claimed)->lease, end).ok());
+  JobEventReader reader(*store_, news_, "jobs/a", 0);
+  const auto events = reader.Next(10);
+  ASSERT_TRUE(events.ok()) << events.status();
+  ASSERT_EQ(events->size(), 2u);
+  EXPECT_FALSE(events->front().has_tagged());  // as for who watched it run
+  EXPECT_EQ(events->back().tagged().name(), "tags/june");
+}
+
 TEST_F(JobNewsTest, AnErrorIsNotShared) {
   const auto listener = news_.Subscribe("jobs/b", [] {});
   EXPECT_TRUE(absl::IsNotFound(news_.Read(*store_, "jobs/b", 0, 10).status()));

@@ -112,6 +112,26 @@ TEST(LeaseKeeperTest, KillsAJobWhoseLeaseIsAnotherWorkersNow) {
   EXPECT_EQ(run->reason(), StopRequest::Reason::kLeaseLost);
 }
 
+TEST(LeaseKeeperTest, SaysOnceThatItKillsACancelledJob) {
+  LeasingStore store(kLease, [] { return absl::AbortedError("it has ended"); });
+  FakeClock clock;
+  std::atomic<int> beats = 0;
+  const auto run = std::make_shared<StopRequest>();
+  run->Stop(StopRequest::Reason::kCancelled);
+  testing::internal::CaptureStderr();
+  {
+    LeaseKeeper keeper(
+        store, [&] { ++beats; }, [&] { return clock.Now(); });
+    keeper.Keep({"jobs/a", 1}, run, clock.Now());
+    const int before = beats;
+    WaitUntil([&] { return beats > before + 5; });
+  }
+  const std::string log = testing::internal::GetCapturedStderr();
+  const std::string line = "job was killed";
+  EXPECT_NE(log.find(line), std::string::npos) << log;
+  EXPECT_EQ(log.find(line), log.rfind(line)) << log;
+}
+
 TEST(LeaseKeeperTest, RenewsLeasesInTimeAndCancelsWhatIsToBeCancelled) {
   FakeClock clock;
   std::atomic<int> renewals = 0;

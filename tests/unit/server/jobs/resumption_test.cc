@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sqlite3.h>
 
 #include "model/files/durable_file.h"
 #include "server/errors/error_details.h"
@@ -172,6 +173,24 @@ TEST_F(ResumptionTest, AModelIsRegisteredLaterIfTheStoreIsAwayAndNoAttemptIsUsed
   EXPECT_EQ(versions_.promotions.size(), 1u);
 }
 
+TEST_F(ResumptionTest, AJobThatIsDamagedWhileItRunsDoesNotKeepOthersFromRunning) {
+  Trainer(
+      "echo '{\"phase\":\"load\"}'; while [ ! -e \"${0%/*}/go\" ]; do sleep 0.02; done\n"
+      "mkdir \"$output\"");
+  Start();
+  const std::string damaged = Train().name();
+  WaitForProgress(damaged);
+  sqlite3* database = nullptr;
+  ASSERT_EQ(sqlite3_open((folder_ / "maneuver.db").c_str(), &database), SQLITE_OK);
+  sqlite3_busy_timeout(database, 10'000);
+  const std::string statement = "UPDATE jobs SET job = x'00' WHERE name = '" + damaged + "'";
+  EXPECT_EQ(sqlite3_exec(database, statement.c_str(), nullptr, nullptr, nullptr), SQLITE_OK);
+  sqlite3_close(database);
+  std::ofstream(folder_ / "go") << "";
+  EXPECT_EQ(WaitForEnd(Train().name()).state(), v1::JOB_STATE_SUCCEEDED);
+  EXPECT_TRUE(absl::IsDataLoss(store_->Get(damaged).status()));
+}
+
 TEST_F(ResumptionTest, ServerCrashesCountAsAttemptsUnlessThereIsANewCheckpoint) {
   const auto died_so_often = [](v1::Job& job) { job.mutable_attempts()->set_without_progress(4); };
   LeaveRunning("stuck", died_so_often);
@@ -207,6 +226,27 @@ TEST_F(ResumptionTest, ACancellationSurvivesACrash) {
   const v1::Job job = *store_->Get("jobs/left");
   EXPECT_EQ(job.state(), v1::JOB_STATE_CANCELLED);
   EXPECT_TRUE(job.has_end_time() && !job.has_error() && !job.cancel_requested());
+}
+
+TEST_F(ResumptionTest, AServersDeathDoesNotStandWithTheLastLinesOfAnEarlierProcess) {
+  const auto died_before = [](v1::Job& job) {
+    job.mutable_error()->set_message("the trainer crashed");
+    job.add_last_lines("about to die");
+  };
+  LeaveRunning("left", died_before);
+  LeaveRunning("cancelled", [&](v1::Job& job) {
+    died_before(job);
+    job.set_cancel_requested(true);
+  });
+  SupervisorOptions options = Options();
+  options.max_running_jobs = 0;
+  StartWith(options);
+  const v1::Job left = *store_->Get("jobs/left");
+  EXPECT_EQ(ReasonOf(left), "SERVER_INTERRUPTED");
+  EXPECT_THAT(left.last_lines(), SizeIs(0));
+  const v1::Job cancelled = *store_->Get("jobs/cancelled");
+  EXPECT_EQ(cancelled.state(), v1::JOB_STATE_CANCELLED);
+  EXPECT_THAT(cancelled.last_lines(), SizeIs(0));
 }
 
 TEST_F(ResumptionTest, ACancelledJobKeepsItsCheckpointAndCanBeResumed) {

@@ -633,6 +633,22 @@ TEST_F(JobServicesTest, ListsADamagedJobByItsNameAndItsError) {
   }
 }
 
+TEST_F(JobServicesTest, ADamagedJobMakesNoDatasetAndNoTagsDamaged) {
+  Trainer(jobs::kRunsOn);
+  WaitForProgress(TrainOverTheWire().name());
+  const std::string pending = TrainOverTheWire().name();
+  DamageJob("UPDATE jobs SET job = x'00' WHERE name = '" + pending + "'");
+  v1::DeleteDatasetRequest remove;
+  remove.set_name("datasets/village");
+  google::protobuf::Empty nothing;
+  grpc::ClientContext context;
+  const grpc::Status status = datasets_stub_->DeleteDataset(&context, remove, &nothing);
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::DATA_LOSS);
+  EXPECT_EQ(Reason(status), "STORAGE_DAMAGED");
+  EXPECT_THAT(status.error_message(), HasSubstr(pending));
+  EXPECT_EQ(errors::ReasonOf(supervisor_->DeleteTags("june")), "STORAGE_DAMAGED");
+}
+
 TEST_F(JobServicesTest, OnlyGetJobReturnsSampledExamples) {
   Trainer(R"(printf '{"examples":"1","sampledExamples":[{"scenarioId":"r0"}]}' > "$output")");
   v1::EvaluateRequest request;
