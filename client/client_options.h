@@ -33,7 +33,8 @@ struct ClientOptions {
   // HOST:PORT, or unix:PATH; HOST alone means port 8470. Several equivalent servers:
   // IP:PORT,IP:PORT, or dns:///NAME:PORT for all addresses of a name. Calls then go to them in
   // turn, predictions only to those whose health says that a model is ready. Calls that change
-  // something should name one server.
+  // something should name one server. A proxy of the environment (http_proxy) is used only for
+  // servers on other machines.
   std::string address = "127.0.0.1:8470";
   std::optional<TlsOptions> tls = {};  // nothing: plain text
   // Identifies the caller to servers that require it. Sent only over TLS or within this machine.

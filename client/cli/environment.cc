@@ -1,11 +1,10 @@
 #include "client/cli/environment.h"
 
-#include <google/protobuf/struct.pb.h>
-#include <google/protobuf/util/json_util.h>
 #include <grpc/support/log.h>
 
 #include <cerrno>
 #include <cstdlib>
+#include <nlohmann/json.hpp>
 #include <ostream>
 #include <system_error>
 #include <utility>
@@ -148,15 +147,13 @@ void Environment::PrintError(const std::string& code, const std::string& reason,
     errors << "maneuver: " << PrintableLines(message) << "\n";
     return;
   }
-  google::protobuf::Struct line;
-  auto& error = *(*line.mutable_fields())["error"].mutable_struct_value()->mutable_fields();
-  error["code"].set_string_value(code);
-  error["message"].set_string_value(message);
-  if (!reason.empty()) error["reason"].set_string_value(reason);
-  std::string text;
-  // Fails only for numbers that JSON has not.
-  (void)google::protobuf::util::MessageToJsonString(line, &text);
-  errors << text << "\n";
+  nlohmann::ordered_json line;
+  nlohmann::ordered_json& error = line["error"];
+  error["code"] = code;
+  error["message"] = message;
+  if (!reason.empty()) error["reason"] = reason;
+  // A path, or what a server says, may be no UTF-8.
+  errors << line.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) << "\n";
 }
 
 bool Environment::Flush() {
@@ -169,8 +166,9 @@ bool Environment::Flush() {
   if (out.flush() && !has_failed) return true;
   const int error = errno;
   if (error == EPIPE) return true;
-  errors << "maneuver: cannot write to standard output"
-         << (error != 0 ? ": " + std::generic_category().message(error) : "") << "\n";
+  PrintError(absl::StatusCodeToString(absl::StatusCode::kFailedPrecondition), "",
+             "cannot write to standard output" +
+                 (error != 0 ? ": " + std::generic_category().message(error) : ""));
   return false;
 }
 

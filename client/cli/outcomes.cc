@@ -122,17 +122,18 @@ class OutcomesCommand {
       return environment_.Refuse(absl::StrCat(wrong.front().field, " ", wrong.front().description));
     }
     examples_ = settings.examples();
+    client::CallOptions call = environment_.call_options();
+    call.cancellation = &cancellation_;
     v1::GetModelVersionRequest wanted;
     wanted.set_name(ModelResource(arguments_.model));
-    auto version =
-        environment_.server_client().GetModelVersion(wanted, environment_.call_options());
-    if (!version.ok()) return environment_.Fail(version.status());
+    auto version = environment_.server_client().GetModelVersion(wanted, call);
+    if (!version.ok()) return Fail(version.status());
     version_ = *std::move(version);
     stream_ = environment_.server_client().StreamOutcomes(
         [this](const v1::ReportOutcomesRequest& report, const auto& answer) {
           AddScores(report, answer);
         },
-        environment_.call_options());
+        call);
     absl::Status status;
     for (const std::string& source : arguments_.sources) {
       status = ReportSource(source);
@@ -142,7 +143,7 @@ class OutcomesCommand {
     if (status.ok()) status = stream_->Finish();
     if (status.ok()) status = refusal_;
     progress_.Clear();
-    if (!status.ok()) return environment_.Fail(status);
+    if (!status.ok()) return Fail(status);
     if (sums_.outcomes() == 0 && failed_ == 0) {
       return environment_.Fail(absl::FailedPreconditionError(
           "the recordings hold no outcome: no target has a past and a whole horizon of future"));
@@ -152,6 +153,10 @@ class OutcomesCommand {
   }
 
  private:
+  int Fail(const absl::Status& status) {
+    return environment_.Fail(interrupt_.happened() ? absl::CancelledError("interrupted") : status);
+  }
+
   // Reports each recording of a dataset folder, of a dataset on the server, or in a file.
   absl::Status ReportSource(const std::string& source) {
     std::error_code error;
@@ -364,7 +369,8 @@ class OutcomesCommand {
   const OutcomesArguments& arguments_;
   Environment& environment_;
   ProgressLine progress_;
-  const Interrupt interrupt_{[] {}};
+  client::Cancellation cancellation_;  // of a call that waits for the server
+  const Interrupt interrupt_{[this] { cancellation_.Cancel(); }};
   v1::ExampleSettings examples_;
   v1::ModelVersion version_;
   v1::ReportOutcomesRequest request_;

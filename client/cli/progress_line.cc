@@ -29,7 +29,9 @@ void ProgressLine::Show(double fraction, const std::string& text) {
     ShowJson(progress);
     return;
   }
-  err_ << "\r\x1b[K" << Bar(fraction, 24) << " " << text << std::flush;
+  // Without wrapping: "\r" returns to the last row alone, so that each drawing of a line that is
+  // longer than the terminal is wide would leave its first rows behind.
+  err_ << "\r\x1b[K\x1b[?7l" + Bar(fraction, 24) + " " + text + "\x1b[?7h" << std::flush;
 }
 
 void ProgressLine::ShowJson(const google::protobuf::Message& progress) {

@@ -16,7 +16,7 @@ std::string Bar(double fraction, int width);
 
 enum class ProgressForm {
   kNone,  // nothing
-  kLine,  // redrawn in place, for a terminal
+  kLine,  // redrawn in place, for a terminal, which cuts off what does not fit into one row
   kJson,  // {"progress": {"fraction": 0.5, ...}}, one line each time
 };
 

@@ -82,6 +82,7 @@ absl::StatusOr<std::shared_ptr<const inference::ActionModel>> LoadModel(
   if (IsModelFolder(arguments.model)) {
     return inference::ActionModel::Load(arguments.model, options);
   }
+  client::Client& server = environment.server_client();  // may end the program: before the folder
   const ScratchFolder scratch;
   if (scratch.path().empty()) {
     return absl::FailedPreconditionError(
@@ -91,8 +92,8 @@ absl::StatusOr<std::shared_ptr<const inference::ActionModel>> LoadModel(
   TransferLine line(environment);
   client::CallOptions call = environment.call_options();
   call.cancellation = &cancellation;
-  const auto version = environment.server_client().DownloadModelVersion(
-      ModelResource(arguments.model), folder, line.callback(), call);
+  const auto version =
+      server.DownloadModelVersion(ModelResource(arguments.model), folder, line.callback(), call);
   line.Clear();
   if (!version.ok()) return version.status();
   environment.err << "the model is " << ShortName(*version) << "\n";
@@ -152,7 +153,10 @@ int Tag(const TagArguments& arguments, Environment& environment) {
   const Interrupt interrupt([&cancellation] { cancellation.Cancel(); });
   const auto model = LoadModel(arguments, cancellation, environment);
   if (interrupt.happened()) return environment.Fail(absl::CancelledError("interrupted"));
-  if (!model.ok()) return environment.FailAt(arguments.model, model.status());
+  if (!model.ok()) {
+    return IsModelFolder(arguments.model) ? environment.FailAt(arguments.model, model.status())
+                                          : environment.Fail(model.status());
+  }
   options.datasets.assign(arguments.datasets.begin(), arguments.datasets.end());
   options.output = arguments.output;
   options.merged = !arguments.windows;

@@ -153,9 +153,12 @@ void DrawGalleryLegend(const std::vector<const v1::Action*>& actions,
     canvas->Stroke({{box.left, y}, {box.left + 20.0, y}}, colors.at(action->action_id()), 3.0);
     canvas->Text(absl::StrCat(action->action_id()), {box.left + 46.0, baseline}, kLetters, kInk,
                  Anchor::kRight, true);
-    canvas->Text(action->display_name(), {box.left + 56.0, baseline}, kLetters, kInk);
-    canvas->Text(absl::StrFormat("%.1f %%", 100.0 * action->usage()), {box.right(), baseline},
-                 kLetters, kFaintInk, Anchor::kRight);
+    const std::string usage = absl::StrFormat("%.1f %%", 100.0 * action->usage());
+    canvas->Text(usage, {box.right(), baseline}, kLetters, kFaintInk, Anchor::kRight);
+    // A long name has smaller letters, so that it ends before the usage.
+    const double room = box.width - 56.0 - 10.0 - Canvas::TextWidth(usage, kLetters);
+    canvas->Text(action->display_name(), {box.left + 56.0, baseline},
+                 Canvas::HeightToFit(action->display_name(), kLetters, room), kInk);
   }
   if (all_fit) return;
   canvas->Text(absl::StrCat("and ", actions.size() - listed, " more"),

@@ -152,9 +152,12 @@ void DrawLegend(const std::vector<DrawnAction>& actions, const Box& box, Canvas*
     canvas->Stroke({{box.left, y}, {box.left + 20.0, y}}, action.color, 3.4);
     canvas->Text(absl::StrCat(action.action->action_id()), {box.left + 48.0, baseline}, kLetters,
                  kInk, Anchor::kRight, true);
-    canvas->Text(action.name, {box.left + 60.0, baseline}, kLetters, kInk);
-    canvas->Text(absl::StrFormat("%.1f %%", 100.0 * action.share), {box.right(), baseline},
-                 kLetters, kFaintInk, Anchor::kRight);
+    const std::string share = absl::StrFormat("%.1f %%", 100.0 * action.share);
+    canvas->Text(share, {box.right(), baseline}, kLetters, kFaintInk, Anchor::kRight);
+    // A long name has smaller letters, so that it ends before the share.
+    const double room = box.width - 60.0 - 10.0 - Canvas::TextWidth(share, kLetters);
+    canvas->Text(action.name, {box.left + 60.0, baseline},
+                 Canvas::HeightToFit(action.name, kLetters, room), kInk);
   }
 }
 

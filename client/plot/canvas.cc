@@ -215,6 +215,10 @@ double Canvas::TextWidth(const std::string& text, double height, bool bold) {
          double(kScale);
 }
 
+double Canvas::HeightToFit(const std::string& text, double height, double room) {
+  return height * std::clamp(room / std::max(TextWidth(text, height), 1.0), 0.5, 1.0);
+}
+
 void Canvas::Text(const std::string& text, const Pixel& baseline, double height, Color color,
                   Anchor anchor, bool bold) {
   const double width = TextWidth(text, height, bold);

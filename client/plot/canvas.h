@@ -70,6 +70,9 @@ class Canvas {
   // Draws text turned a quarter counter-clockwise about its middle.
   void TextUpwards(const std::string& text, const Pixel& middle, double height, Color color);
   static double TextWidth(const std::string& text, double height, bool bold = false);
+  // Returns the height of letters at which a text takes about `room` pixels at most: `height` or
+  // less, but at least half of it.
+  static double HeightToFit(const std::string& text, double height, double room);
 
   // Returns the finished picture.
   std::string EncodePng() const;

@@ -25,6 +25,9 @@ constexpr double kShareMargin = 18.0;   // left and right
 constexpr double kShareWidest = 330.0;  // of the names
 constexpr size_t kShareMostRows = 60;
 constexpr size_t kShareMostPanels = 12;
+constexpr double kShareKeyWidest = 600.0;        // of a name in the key
+constexpr double kSharePictureWidest = 2'400.0;  // for the sake of the subtitle and the key
+constexpr char kShareNote[] = "share of the windows, %; lines: 95 %";
 
 // Panels are narrower where there are many.
 double SharePanelWidth(size_t panels) { return panels == 1 ? 560.0 : panels <= 4 ? 280.0 : 190.0; }
@@ -81,10 +84,28 @@ void DrawSharePanel(const SharePanel& panel, const Box& box, double most, Canvas
 }
 
 // Shortens a text until it fits.
-std::string FitRowName(std::string text, double width) {
-  if (Canvas::TextWidth(text, kShareLetters) <= width) return text;
-  while (!text.empty() && Canvas::TextWidth(text + "...", kShareLetters) > width) text.pop_back();
+std::string FitRowName(std::string text, double width, double letters = kShareLetters) {
+  if (Canvas::TextWidth(text, letters) <= width) return text;
+  while (!text.empty() && Canvas::TextWidth(text + "...", letters) > width) text.pop_back();
   return text + "...";
+}
+
+// The names in the key; none if nothing is compared.
+std::vector<std::string> ShareKeyNames(const SharePlot& shares) {
+  if (shares.against.empty()) return {};
+  return {FitRowName(shares.name, kShareKeyWidest), FitRowName(shares.against, kShareKeyWidest)};
+}
+
+// Returns the width that title, subtitle and key ask for.
+//   names: width of the names of the rows
+double ShareTextWidth(const SharePlot& shares, double names) {
+  double key = names + Canvas::TextWidth(kShareNote, kShareLetters);
+  for (const std::string& name : ShareKeyNames(shares)) {
+    key += 58.0 + Canvas::TextWidth(name, kShareLetters);
+  }
+  const double text = std::max({key, Canvas::TextWidth(shares.title, 13.0, true),
+                                Canvas::TextWidth(shares.subtitle, kShareLetters + 1.0)});
+  return std::min(2.0 * kShareMargin + text, kSharePictureWidest);
 }
 
 std::string PaintShares(const SharePlot& shares) {
@@ -96,12 +117,14 @@ std::string PaintShares(const SharePlot& shares) {
   const auto rows = static_cast<double>(shares.rows.size());
   const auto panels = static_cast<double>(shares.panels.size());
   const double width = SharePanelWidth(shares.panels.size());
-  const double picture = std::max(700.0, 2.0 * kShareMargin + names + panels * (width + kShareGap));
+  const double picture = std::max({700.0, 2.0 * kShareMargin + names + panels * (width + kShareGap),
+                                   ShareTextWidth(shares, names)});
   Canvas canvas(static_cast<int>(std::ceil(picture)),
                 static_cast<int>(std::ceil(kShareHeader + kShareRow * rows + kShareFooter)),
                 kPaper);
   canvas.Text(shares.title, {kShareMargin, 34.0}, 13.0, kInk, Anchor::kLeft, true);
-  canvas.Text(shares.subtitle, {kShareMargin, 56.0}, kShareLetters + 1.0, kFaintInk);
+  canvas.Text(FitRowName(shares.subtitle, picture - 2.0 * kShareMargin, kShareLetters + 1.0),
+              {kShareMargin, 56.0}, kShareLetters + 1.0, kFaintInk);
   const double bottom = kShareHeader + kShareRow * rows;
   for (size_t i = 0; i < shares.rows.size(); ++i) {
     canvas.Text(FitRowName(shares.rows[i], names - 8.0),
@@ -122,12 +145,12 @@ std::string PaintShares(const SharePlot& shares) {
     canvas.Text(text, {at + 32.0, bottom + 40.0 + kShareLetters / 2.0}, kShareLetters, kInk);
     at += 32.0 + Canvas::TextWidth(text, kShareLetters) + 26.0;
   };
-  if (!shares.against.empty()) {
-    key(kShareFirst, shares.name);
-    key(kShareSecond, shares.against);
+  const std::vector<std::string> compared = ShareKeyNames(shares);
+  if (!compared.empty()) {
+    key(kShareFirst, compared[0]);
+    key(kShareSecond, compared[1]);
   }
-  canvas.Text("share of the windows, %; lines: 95 %", {at, bottom + 40.0 + kShareLetters / 2.0},
-              kShareLetters, kFaintInk);
+  canvas.Text(kShareNote, {at, bottom + 40.0 + kShareLetters / 2.0}, kShareLetters, kFaintInk);
   return canvas.EncodePng();
 }
 

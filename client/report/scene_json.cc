@@ -107,6 +107,21 @@ json LineJson(const std::vector<Point2>& line) {
   return points;
 }
 
+// Returns whether a part of the segment from `a` to `b` is in the window (Liang and Barsky, 1984).
+bool Crosses(const Point2& a, const Point2& b, const Window& window) {
+  double first = 0.0;  // shares of the segment between which it is inside
+  double last = 1.0;
+  const auto cut = [&](double from, double step, double low, double high) {
+    if (step == 0.0) return from >= low && from <= high;
+    const auto [in, out] = std::minmax({(low - from) / step, (high - from) / step});
+    first = std::max(first, in);
+    last = std::min(last, out);
+    return first <= last;
+  };
+  return cut(a.x, b.x - a.x, window.left, window.right) &&
+         cut(a.y, b.y - a.y, window.bottom, window.top);
+}
+
 const char* MapKind(v1::MapFeatureType type) {
   switch (type) {
     case v1::MAP_FEATURE_TYPE_LANE_CENTERLINE:
@@ -127,7 +142,7 @@ const char* MapKind(v1::MapFeatureType type) {
 }
 
 // Lines in sight by kind: {"lane": [[x, y, ...], ...], "area": ...}. Areas are whole and closed,
-// lines are cut to the runs of points that are in sight, with one more point at each end.
+// lines are cut to the runs of segments that are in sight.
 json MapJson(const Scene& scene, const Window& window) {
   json map = json::object();
   for (const v1::MapFeature& feature : scene.recording->map_features()) {
@@ -136,21 +151,26 @@ json MapJson(const Scene& scene, const Window& window) {
     for (int i = 0; i < points; ++i) {
       line.push_back(scene.X_WT.ToLocal({feature.x(i), feature.y(i)}));
     }
-    const auto in_sight = [&](const Point2& p) { return window.Holds(p); };
-    if (std::ranges::none_of(line, in_sight)) continue;
+    if (line.empty()) continue;
     const std::string kind = MapKind(feature.type());
-    if (kind == "area" || kind == "sign") {
-      map[kind].push_back(LineJson(line));
-      continue;
-    }
-    for (size_t i = 0; i < line.size(); ++i) {
-      if (!in_sight(line[i])) continue;
-      const size_t first = i > 0 ? i - 1 : 0;
-      while (i + 1 < line.size() && in_sight(line[i + 1])) ++i;
-      const size_t last = std::min(i + 2, line.size());
+    const bool is_whole = kind == "area" || kind == "sign";
+    // Segment i begins at point i. The last one of an area ends at its first point; a single point
+    // is a segment to itself.
+    const size_t segments = is_whole || line.size() == 1 ? line.size() : line.size() - 1;
+    const auto in_sight = [&](size_t i) {
+      return Crosses(line[i], line[(i + 1) % line.size()], window);
+    };
+    for (size_t i = 0; i < segments; ++i) {
+      if (!in_sight(i)) continue;
+      if (is_whole) {
+        map[kind].push_back(LineJson(line));
+        break;
+      }
+      const size_t first = i;
+      while (i + 1 < segments && in_sight(i + 1)) ++i;
+      const size_t end = std::min(i + 2, line.size());
       map[kind].push_back(LineJson({line.begin() + static_cast<std::ptrdiff_t>(first),
-                                    line.begin() + static_cast<std::ptrdiff_t>(last)}));
-      i = last - 1;
+                                    line.begin() + static_cast<std::ptrdiff_t>(end)}));
     }
   }
   return map;

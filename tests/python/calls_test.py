@@ -3,6 +3,7 @@
 import concurrent.futures
 import contextlib
 import hashlib
+import os
 import pathlib
 import pickle
 import socket
@@ -480,6 +481,12 @@ class CallsTest(unittest.TestCase):
     def test_says_who_calls(self):
         self.client(token="secret").predict(SCENE)
         self.assertEqual(self.predictions.metadata[0]["authorization"], "Bearer secret")
+
+    def test_reaches_a_local_server_without_the_proxy_of_the_environment(self):
+        proxy = {"grpc_proxy": "http://127.0.0.1:1"}  # before http_proxy; nobody listens there
+        with unittest.mock.patch.dict(os.environ, proxy):
+            self.client(token="secret", retries=0).predict(SCENE)
+        self.assertEqual(len(self.predictions.requests), 1)
 
     def test_does_not_repeat_a_deletion(self):
         with self.assertRaises(maneuver.UnavailableError):

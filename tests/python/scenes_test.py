@@ -83,6 +83,11 @@ class ScenesTest(unittest.TestCase):
             with self.assertRaisesRegex(ValueError, r"map_features\[0\]\.points: .* 2 numbers"):
                 dataclass_scene(map_features=[maneuver.MapFeature("road_edge", wrong)]).to_proto()
 
+    def test_refuses_what_is_no_table_with_its_path(self):
+        for wrong in (None, 3.0):
+            with self.assertRaisesRegex(ValueError, r"agents\[0\]\.states: expected rows of 6 numbers"):
+                dataclass_scene(agents=[maneuver.Agent(7, wrong, 4.5, 1.9)]).to_proto()
+
     def test_refuses_what_is_no_number_with_its_path(self):
         lane = maneuver.MapFeature("road_edge", [("a", 1.0)])
         with self.assertRaisesRegex(ValueError, r"map_features\[0\]\.points: "):

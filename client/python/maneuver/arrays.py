@@ -46,7 +46,7 @@ def columns(rows: Rows, names: Sequence[str], path: str) -> List[List[float]]:
             table = [list(column) for column in zip(*plain)]
     except (TypeError, ValueError) as error:
         raise ValueError(f"{expected}: {error}") from None
-    if shape[0] == 0:
+    if shape[:1] == (0,):
         return [[] for _ in names]
     if shape[1:] != (len(names),):
         raise ValueError(f"{expected}, and not of {' or '.join(map(str, shape[1:])) or 'none'}")

@@ -9,7 +9,7 @@ from typing import Any, Callable, List, Optional, Tuple, TypeVar
 import grpc
 
 from maneuver.credentials import ServerAddress, Tls, authorization, channel_credentials
-from maneuver.credentials import parse_address
+from maneuver.credentials import is_local, parse_address
 from maneuver.errors import (CancelledError, DeadlineExceededError, ManeuverError,
                              UnavailableError, from_rpc)
 from maneuver.retry import Clock, OnRetry, RetryPolicy, backoff_after, retry
@@ -80,6 +80,10 @@ class Connection:
         self.metadata = authorization(address, tls, token, token_file)
         self._credentials = channel_credentials(tls)
         self._options = list(_OPTIONS)
+        if is_local(address):
+            # gRPC would connect through the proxy that http_proxy names: another machine, which
+            # cannot reach the server, and which must not read a token.
+            self._options.append(("grpc.enable_http_proxy", 0))
         if tls is not None and tls.server_name:
             self._options.append(("grpc.ssl_target_name_override", tls.server_name))
         self.channel = self._open(parsed, health_service="")

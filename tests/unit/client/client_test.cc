@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <cstdlib>
 #include <filesystem>
 #include <future>
 #include <map>
@@ -616,6 +617,15 @@ TEST(ClientTest, RefusesATokenOverAnUnencryptedNetwork) {
   for (const char* address : {"127.0.0.1:1", "localhost:1", "[::1]:1", "unix:/run/x"}) {
     EXPECT_TRUE(Client::Connect({.address = address, .token = "abc"}).ok()) << address;
   }
+}
+
+TEST(ClientTest, ReachesALocalServerWithoutTheProxyOfTheEnvironment) {
+  TestServer server;
+  server.on_predict = [](auto*, const auto&, auto*) { return grpc::Status::OK; };
+  setenv("grpc_proxy", "http://127.0.0.1:1", 1);  // before http_proxy; nobody listens there
+  const absl::Status status = ConnectTo(server.address(), 1)->Predict({}).status();
+  unsetenv("grpc_proxy");
+  EXPECT_TRUE(status.ok()) << status;
 }
 
 TEST(ClientTest, NamesInvalidCredentialFiles) {

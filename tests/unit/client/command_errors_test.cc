@@ -95,6 +95,17 @@ TEST_F(LocalErrorsTest, FailsIfAnAnswerCannotBeWritten) {
   EXPECT_EQ(err.str(), "maneuver: cannot write to standard output: No space left on device\n");
 }
 
+TEST_F(LocalErrorsTest, WithJsonOutputThatAnAnswerCannotBeWrittenIsJson) {
+  std::istringstream in;
+  std::ofstream out("/dev/full");
+  std::ostringstream err;
+  Environment environment(in, out, err);
+  EXPECT_EQ(RunManeuver({"--output", "json", "scenario", "list", town_}, environment), kFailed);
+  EXPECT_EQ(err.str(),
+            "{\"error\":{\"code\":\"FAILED_PRECONDITION\",\"message\":\"cannot write to standard "
+            "output: No space left on device\"}}\n");
+}
+
 // Returns what Flush says after an answer that is longer than any buffer was written to the file as
 // std::cout writes. Closes the file.
 std::string SaidAfterALongAnswer(std::FILE* file) {
@@ -537,6 +548,12 @@ TEST(CommandErrorsTest, WithJsonOutputErrorsAreJson) {
                   .at("message")
                   .string_value(),
               HasSubstr("/nowhere/scene.json"));
+}
+
+TEST(CommandErrorsTest, WithJsonOutputBytesOfAPathThatAreNoUtf8AreReplaced) {
+  const Result result = Maneuver({"--output", "json", "predict", "/nowhere/caf\xe9.json"});
+  EXPECT_THAT(ErrorOf(result.err).fields().at("message").string_value(),
+              HasSubstr("/nowhere/caf\ufffd.json"));
 }
 
 TEST(CommandErrorsTest, ReportsAnExportAsJson) {

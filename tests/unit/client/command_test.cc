@@ -469,6 +469,14 @@ TEST(TextFormatTest, FormatsNumbersForPeople) {
   EXPECT_EQ(Bar(2.0, 4), "[####]");
 }
 
+TEST(ProgressLineTest, ALineThatIsLongerThanTheTerminalDoesNotWrap) {
+  std::ostringstream err;
+  ProgressLine line(err, ProgressForm::kLine);
+  line.Show(0.5, "joint 7/10");
+  // Between turning the terminal's wrapping off and on again.
+  EXPECT_EQ(err.str(), "\r\x1b[K\x1b[?7l[############------------] joint 7/10\x1b[?7h");
+}
+
 TEST(JobDisplayTest, ProgressOmitsWhatIsNotKnown) {
   v1::JobProgress progress;
   progress.set_phase("joint");

@@ -143,6 +143,15 @@ TEST(ActionMeansPlotTest, LeavesOutUnusedActions) {
   EXPECT_LT(Count(picture, LatentColor(1), 10), 50);
 }
 
+TEST(ActionMeansPlotTest, ALongNameStaysWithinTheLegend) {
+  v1::ActionSet set = TwoMeans();
+  set.mutable_actions(0)->set_display_name(std::string(64, 'e'));  // as long as a label may be
+  const cv::Mat picture = Decode(*DrawActionMeans(set, Report()));
+  const cv::Mat margin = picture.colRange(picture.cols - 30, picture.cols);  // right of the legend
+  const cv::Mat blank(margin.rows, margin.cols, margin.type(), cv::Scalar::all(255));
+  EXPECT_EQ(cv::norm(margin, blank, cv::NORM_INF), 0.0);
+}
+
 TEST(ActionMeansPlotTest, RefusesWhatItCannotDraw) {
   EXPECT_TRUE(absl::IsInvalidArgument(DrawActionMeans({}, Report()).status()));
   EXPECT_TRUE(absl::IsInvalidArgument(DrawActionMeans(TwoMeans(), {}).status()));

@@ -1,16 +1,21 @@
-// Which recordings maneuver outcomes report takes.
+// Which recordings maneuver outcomes report takes, and Ctrl-C while it waits.
 
 #include <gmock/gmock.h>
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
+#include <signal.h>
+#include <unistd.h>
 
 #include <chrono>
+#include <csignal>
 #include <filesystem>
 #include <string>
+#include <thread>
 
 #include "client/cli/command.h"
 #include "maneuver/v1/dataset_service.grpc.pb.h"
 #include "maneuver/v1/model_service.grpc.pb.h"
+#include "maneuver/v1/outcome_service.grpc.pb.h"
 #include "model/data/dataset_folder.h"
 #include "tests/unit/client/run_maneuver.h"
 #include "tests/unit/model/data/recordings_for_tests.h"
@@ -40,6 +45,39 @@ class Datasets final : public v1::DatasetService::Service {
     return {grpc::StatusCode::NOT_FOUND, "there is no such dataset"};
   }
 };
+
+// Presses Ctrl-C once a report has arrived, and never answers it.
+class SilentOutcomes final : public v1::OutcomeService::Service {
+  grpc::Status StreamOutcomes(
+      grpc::ServerContext* context,
+      grpc::ServerReaderWriter<v1::StreamOutcomesResponse, v1::StreamOutcomesRequest>* stream)
+      override {
+    v1::StreamOutcomesRequest request;
+    stream->Read(&request);
+    kill(getpid(), SIGINT);
+    while (!context->IsCancelled()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    return grpc::Status::CANCELLED;
+  }
+};
+
+TEST(OutcomesCommandTest, CtrlCEndsTheWaitForAnAnswer) {
+  Models models;
+  SilentOutcomes outcomes;
+  int port = 0;
+  const auto server = grpc::ServerBuilder()
+                          .AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port)
+                          .RegisterService(&models)
+                          .RegisterService(&outcomes)
+                          .BuildAndStart();
+  std::signal(SIGINT, SIG_DFL);  // whatever the shell has set
+  const Result result =
+      Maneuver({"--server", "127.0.0.1:" + std::to_string(port), "--timeout", "20", "outcomes",
+                "report", "-", "--model", "town", "--kept"},
+               R"({"scenarioId": "drive", "predictionTime": 1, "targetIds": [7]})");
+  EXPECT_EQ(result.status, kFailed);
+  EXPECT_EQ(result.err, "maneuver: interrupted\n");  // not: did not answer in time
+  server->Shutdown(std::chrono::system_clock::now());
+}
 
 TEST(OutcomesCommandTest, ADatasetOfTheServerPrecedesAFolderOfThatPath) {
   Models models;

@@ -76,6 +76,26 @@ TEST(SharePlotTest, DrawsEachShareWithItsIntervalAndMarksChanges) {
   EXPECT_GT(CountColor(compared, kChanged), 5'000);
 }
 
+TEST(SharePlotTest, TextStaysWithinThePicture) {
+  SharePlot shares{.title = "Shares by class",
+                   .subtitle =
+                       "/srv/fleet/tags/2026-06-town against /srv/fleet/tags/2026-05-town; "
+                       "coloured: the interval of the change leaves out 0",
+                   .name = "/srv/fleet/tags/2026-06-town",
+                   .against = "/srv/fleet/tags/2026-05-town",
+                   .rows = {"car"},
+                   .panels = {}};
+  shares.panels.push_back({"all", "10 windows", {{{0.2, 0.1, 0.3}, {{0.2, 0.1, 0.3}}, false}}});
+  for (const std::string& longer : {std::string(), std::string(1'000, 'x')}) {
+    shares.subtitle += longer;
+    shares.against += longer;
+    const cv::Mat picture = Decode(*DrawShares(shares));
+    EXPECT_LE(picture.cols, 2'400);
+    const cv::Mat margin = picture.colRange(picture.cols - 14, picture.cols);
+    EXPECT_EQ(CountColor(margin, kWhite), margin.rows * margin.cols);
+  }
+}
+
 TEST(SharePlotTest, RefusesWhatCannotBeDrawn) {
   SharePlot shares;
   EXPECT_TRUE(absl::IsInvalidArgument(DrawShares(shares).status()));
@@ -529,6 +549,16 @@ TEST(ActionGalleryPlotTest, ItsLegendListsWhatFitsWithoutOverlap) {
   }
   EXPECT_GT(lines, 50);
   EXPECT_LT(lines, 100);
+}
+
+TEST(ActionGalleryPlotTest, ALongNameInItsLegendEndsBeforeTheUsage) {
+  std::vector<v1::ActionSet> sets = {TwoActionsAt(10.0)};
+  sets[0].mutable_actions(0)->set_display_name(std::string(64, 'e'));  // as long as a label may be
+  sets[0].mutable_actions(0)->set_usage(0.5);
+  const cv::Mat picture = Decode(*DrawActionGallery(sets, {}));
+  // The legend ends at 1480, and its "50.0 %" takes the last 48 pixels.
+  const cv::Mat gap = picture(cv::Rect(1424, 104, 6, 860));
+  EXPECT_EQ(CountColor(gap, kWhite), gap.rows * gap.cols);
 }
 
 TEST(ActionGalleryPlotTest, LeavesOutActionsThatAreNotEffective) {

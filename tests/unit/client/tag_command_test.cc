@@ -105,6 +105,26 @@ TEST_F(TagCommandTest, CtrlCDuringTheDownloadLeavesNothingOfTheModel) {
   EXPECT_THAT(folder.Names(), IsEmpty());
 }
 
+TEST(TagCommandErrorsTest, AServerThatIsAwayIsNamedWithWhatToDo) {
+  const Result result = Maneuver(
+      {"--server", "127.0.0.1:1", "tag", "town", "--model", "town/3", "-o", "/dev/null/tags"});
+  EXPECT_EQ(result.status, kFailed);
+  EXPECT_THAT(result.err, HasSubstr("no server answers at 127.0.0.1:1; start one"));
+}
+
+TEST(TagCommandErrorsTest, OptionsThatMakeNoSenseLeaveNoFolderBehind) {
+  const TemporaryFolder folder;
+  EXPECT_EXIT(
+      {
+        setenv("TMPDIR", folder.path().c_str(), 1);
+        std::exit(Maneuver({"--tls-ca", "/nowhere.pem", "tag", "town", "--model", "town/3", "-o",
+                            "/dev/null/tags"})
+                      .status);
+      },
+      testing::ExitedWithCode(kUsage), "");
+  EXPECT_THAT(folder.Names(), IsEmpty());
+}
+
 TEST_F(TagCommandTest, ShowsTheStrideAsItWasSet) {
   const Result result = Maneuver({"--server", address_, "tags", "show", "june"});
   EXPECT_EQ(result.status, kOk) << result.err;

@@ -68,6 +68,23 @@ TEST(SceneJsonTest, AStraightLaneHasTwoPointsInSight) {
   EXPECT_EQ(map["area"].size(), 1);
 }
 
+TEST(SceneJsonTest, ALaneAcrossTheViewIsDrawnIfItsPointsAreOutside) {
+  Scene scene = MadeUpScene(0, "best");
+  auto recording = std::make_shared<v1::Scenario>();
+  const auto add = [&](double x0, double y0, double x1, double y1) {
+    v1::MapFeature* lane = recording->add_map_features();
+    lane->set_type(v1::MAP_FEATURE_TYPE_LANE_CENTERLINE);
+    for (const double x : {x0, x1}) lane->add_x(x);
+    for (const double y : {y0, y1}) lane->add_y(y);
+  };
+  add(-500.0, 2.0, 500.0, 2.0);
+  add(-500.0, 0.0, 0.0, 500.0);  // passes by, more than 300 m away
+  scene.recording = recording;
+  const json lanes = SceneOf(scene)["map"].value("lane", json::array());
+  ASSERT_EQ(lanes.size(), 1);
+  EXPECT_EQ(lanes[0], json({-500.0, 2.0, 500.0, 2.0}));
+}
+
 TEST(SceneJsonTest, ASimplifiedCurveStaysWithinTheTolerance) {
   Scene scene = MadeUpScene(0, "best");
   auto recording = std::make_shared<v1::Scenario>();
