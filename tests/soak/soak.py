@@ -237,11 +237,12 @@ class Soak:
         self.server.revoke_token(name)
         return 2
 
-    def capacity(self):
-        """Calls a second that the server can take."""
+    def capacity(self, seconds):
+        """Calls a second that the server can take beside the other work, measured for so long."""
         figures = self.work / "load.json"
+        # Its status is 1 if a call met a connection that aged, or a certificate half renewed.
         subprocess.run(self.server.maneuver("load", "--model", "models/served", "--concurrency", "8", "--warm-up", "1",
-                                            "--duration", "3", "--json", figures), check=True, stdout=subprocess.DEVNULL)
+                                            "--duration", f"{seconds:.0f}", "--json", figures), stdout=subprocess.DEVNULL)
         return json.loads(figures.read_text())["steps"][0]["answered_per_second"]
 
     def again_and_again(self, what):
@@ -262,15 +263,15 @@ class Soak:
 
     def run(self):
         seconds = self.options.hours * 3600 + self.options.minutes * 60
-        rate = self.options.rate or 0.5 * self.capacity()
-        figures = self.work / "calls.json"
-        load = subprocess.Popen(self.server.maneuver("load", "--model", "models/served", "--rate", f"{rate:.1f}", "--retry",
-                                                     "--deadline", "20000", "--duration", f"{seconds:.0f}", "--json", figures),
-                                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         tasks = (self.swap, self.learn, self.upload, self.connect, self.reload)
         threads = [threading.Thread(target=self.again_and_again, args=(what,)) for what in tasks]
         for thread in threads:
             thread.start()
+        rate = self.options.rate or 0.5 * self.capacity(min(60, max(3, seconds / 20)))
+        figures = self.work / "calls.json"
+        load = subprocess.Popen(self.server.maneuver("load", "--model", "models/served", "--rate", f"{rate:.1f}", "--retry",
+                                                     "--deadline", "20000", "--duration", f"{seconds:.0f}", "--json", figures),
+                                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         begun = time.monotonic()
         between = max(0.5, seconds / 400)
         while time.monotonic() - begun < seconds and not self.failures and self.server.process.poll() is None:
@@ -326,7 +327,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--hours", type=float, default=0)
     parser.add_argument("--minutes", type=float, default=0)
-    parser.add_argument("--rate", type=float, default=0, help="calls a second; 0: half of what the server can take")
+    parser.add_argument("--rate", type=float, default=0, help="calls a second; 0: half of what the server can take "
+                        "beside the other work")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--csv", type=pathlib.Path, help="write the samples to this file")
     parser.add_argument("--maneuverd", type=pathlib.Path, default=BUILD / "bin" / "maneuverd")
