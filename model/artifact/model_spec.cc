@@ -17,6 +17,7 @@
 #include "model/artifact/tensor.h"
 #include "model/scene/action_geometry.h"
 #include "model/scene/agent_inputs.h"
+#include "model/scene/inputs_version.h"
 #include "model/scene/lane_path_inputs.h"
 #include "model/scene/target_history.h"
 #include "model/scene/target_motion.h"
@@ -266,6 +267,8 @@ std::vector<scene::FieldViolation> ValidateModelSpec(const v1::ModelSpec& spec) 
   constexpr char kUnknown[] = "is not one that this version knows";
   rules.Require(v1::TrajectoryReference_IsValid(spec.reference()), "reference", kUnknown);
   rules.Require(v1::Objective_IsValid(spec.objective()), "objective", kUnknown);
+  rules.Require(spec.inputs_version() >= 0 && spec.inputs_version() <= scene::kLatestInputsVersion,
+                "inputs_version", kUnknown);
   rules.Between("decoder_stddev", "metres", spec.decoder_stddev(), 1e-3, 100.0);
   if (rules.all_hold()) CheckMemory(spec, &rules);
   return std::move(rules).violations();

@@ -29,6 +29,7 @@ struct Window {
   double standing_distance;
   double keep_standing;
   v1::TrajectoryReference reference;
+  int inputs_version;
 };
 
 Window MakeWindow(const v1::ModelSpec& spec, const v1::ExampleSettings& settings) {
@@ -39,6 +40,7 @@ Window MakeWindow(const v1::ModelSpec& spec, const v1::ExampleSettings& settings
   window.tolerance = observed.tolerance();
   window.max_gap = observed.max_gap();
   window.reference = spec.reference();
+  window.inputs_version = spec.inputs_version();
   const double waypoint_interval = Seconds(spec.trajectory().waypoint_interval());
   for (int i = 1; i <= spec.trajectory().waypoints(); ++i) {
     window.waypoint_times.push_back(i * waypoint_interval);
@@ -132,7 +134,8 @@ std::vector<float> ReferenceOf(const v1::Agent& agent, double time, const scene:
     return {};
   }
   std::vector<double> reference(2 * window.waypoint_times.size());
-  scene::RollOut(window.reference, scene::EstimateMotion(scene::ResampleHistory(agent, time, X_WT)),
+  scene::RollOut(window.reference, window.inputs_version,
+                 scene::EstimateMotion(scene::ResampleHistory(agent, time, X_WT)),
                  window.waypoint_times, reference);
   return {reference.begin(), reference.end()};
 }

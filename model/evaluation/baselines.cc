@@ -5,6 +5,7 @@
 #include <numbers>
 #include <vector>
 
+#include "model/scene/inputs_version.h"
 #include "model/scene/motion_reference.h"
 #include "model/scene/pose2.h"
 #include "model/scene/target_frame.h"
@@ -81,7 +82,8 @@ Trajectory ConstantTurnRateAndAcceleration(const Motion& motion,
   const double v = motion.velocity_x;
   const double a = motion.acceleration;
   const double w = motion.turn_rate;
-  const double stop = v * a < 0.0 ? -v / a : std::numeric_limits<double>::infinity();
+  double stop = v * a < 0.0 ? -v / a : std::numeric_limits<double>::infinity();
+  if (v == 0.0 && a < 0.0) stop = 0.0;
   Trajectory trajectory(waypoint_times.size(), 2);
   for (size_t i = 0; i < waypoint_times.size(); ++i) {
     const double t = std::min(waypoint_times[i], stop);
@@ -102,7 +104,7 @@ Trajectory ConstantTurnRateAndAcceleration(const Motion& motion,
 Trajectory FadedRollOut(const v1::Agent& agent, double time, const scene::Pose2& X_WT,
                         std::span<const double> waypoint_times) {
   Trajectory trajectory(waypoint_times.size(), 2);
-  scene::RollOut(v1::TRAJECTORY_REFERENCE_FADING_MOTION,
+  scene::RollOut(v1::TRAJECTORY_REFERENCE_FADING_MOTION, scene::kLatestInputsVersion,
                  scene::EstimateMotion(scene::ResampleHistory(agent, time, X_WT)), waypoint_times,
                  {trajectory.data(), static_cast<size_t>(trajectory.size())});
   return trajectory;

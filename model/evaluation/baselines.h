@@ -35,7 +35,8 @@ Trajectory ConstantVelocity(const Motion& motion, std::span<const double> waypoi
 
 // Returns the trajectory at constant turn rate and acceleration (CTRA): the position p(t) with
 //   dp/dt = (v + a t) (cos w t, sin w t), where v is the velocity along the heading,
-// until the speed reaches 0: a braking vehicle stops and does not reverse.
+// until the speed reaches 0: a braking vehicle stops and does not reverse. One that has just
+// stopped stays.
 //   waypoint_times: [T] seconds
 Trajectory ConstantTurnRateAndAcceleration(const Motion& motion,
                                            std::span<const double> waypoint_times);

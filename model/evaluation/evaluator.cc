@@ -39,6 +39,7 @@ bool SeesTheSame(const v1::ModelSpec& baselines, const v1::ModelSpec& model) {
          artifact::ReadsLanePaths(baselines) == artifact::ReadsLanePaths(model) &&
          artifact::ReadsAgents(baselines) == artifact::ReadsAgents(model) &&
          baselines.reference() == model.reference() &&
+         baselines.inputs_version() == model.inputs_version() &&
          MessageDifferencer::Equals(baselines.trajectory(), model.trajectory());
 }
 

@@ -53,7 +53,7 @@ Trajectory RollOutReference(const v1::ModelSpec& spec, const scene::MotionEstima
                             std::span<const double> waypoint_times) {
   if (!artifact::HasReference(spec)) return {};
   Trajectory reference(static_cast<Eigen::Index>(waypoint_times.size()), 2);
-  scene::RollOut(spec.reference(), motion, waypoint_times,
+  scene::RollOut(spec.reference(), spec.inputs_version(), motion, waypoint_times,
                  {reference.data(), static_cast<size_t>(reference.size())});
   return reference;
 }

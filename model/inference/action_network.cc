@@ -37,6 +37,7 @@ auto Rows(const Tensor& tensor) {
 ActionNetwork::ActionNetwork(const v1::ModelSpec& spec, const TensorMap& weights,
                              const TrajectorySet::Rows& generic)
     : waypoints_(scene::FindGeometryWaypoints(artifact::WaypointTimes(spec.trajectory()))),
+      inputs_version_(spec.inputs_version()),
       shape_{spec.action_geometry().pair_width(), spec.action_geometry().attention_heads()},
       pair_(StoredLayerWithoutBias(weights, "action_geometry.pair")),
       path_(StoredLayerWithoutBias(weights, "action_geometry.path")),
@@ -106,7 +107,7 @@ void ActionNetwork::EvaluateScene(const scene::SceneVectors& scene, const Trajec
   scratch->all_pairs.resize(actions * kMostLanePaths * kPairNumbers);
   scratch->actions.resize(actions * kActionNumbers);
   scene::DescribeActions(scratch->points, waypoints_, scene.paths, scene.motion.speed,
-                         scratch->all_pairs, scratch->actions);
+                         inputs_version_, scratch->all_pairs, scratch->actions);
   EvaluatePairs(paths, scene_terms, path_terms, scratch);
 
   const size_t inputs = static_cast<size_t>(joint_.inputs());

@@ -74,6 +74,7 @@ class ActionNetwork {
   using RowMajorXf = Eigen::Array<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
   scene::GeometryWaypoints waypoints_;
+  int inputs_version_;
   std::vector<scene::ActionPoints> generic_;  // [K] without a reference
   SetShape shape_;                            // of g_yi
   DenseLayer pair_;                           // 18 -> G

@@ -42,6 +42,23 @@ bool StartsAtNothing(const std::string& name) {
          StartsWith(name, "action_geometry.latent.") || StartsWith(name, "mean_residual.");
 }
 
+// Numbers `first` .. `last` of a set's elements.
+struct InputRange {
+  const char* layer;
+  int64_t first;
+  int64_t last;
+};
+
+// What a dataset may lack altogether: the speed limit, the signal and the stop sign of a lane path
+// (lane_paths.h), what they make of a pair (action_geometry.h), and agents of other types than
+// vehicles (agent_inputs.h). A weight of a number that is always 0 gets no gradient. Random ones
+// would act on scenes that have the thing, and nothing would have been learned about it. (Numbers 78
+// and 82, distances, are 100 m where there is nothing: their weights learn as biases do.)
+constexpr InputRange kMayBeMissing[] = {{"lane_path.0.weight", 68, 68},
+                                        {"lane_path.0.weight", 74, 83},
+                                        {"action_geometry.pair.weight", 16, 17},
+                                        {"agent.0.weight", 17, 18}};
+
 // Layers whose inputs are numbers of all kinds and whose outputs are summed.
 bool ReadsVectors(const std::string& name) {
   for (const char* prefix : {"history.", "lane_path.", "agent.", "join.", "action_geometry."}) {
@@ -144,6 +161,9 @@ Networks::Networks(const v1::ModelSpec& spec, at::Device device, at::Generator& 
       }
       if (ReadsVectors(name)) stddev *= kVectorsShare;
       values.normal_(0.0, stddev, generator);
+    }
+    for (const InputRange& range : kMayBeMissing) {
+      if (name == range.layer) values.slice(1, range.first, range.last + 1).zero_();
     }
     values = values.to(device_);
     if (values.dim() == 4) values = values.contiguous(at::MemoryFormat::ChannelsLast);
@@ -343,7 +363,7 @@ at::Tensor Networks::MixtureLogWeights() const {
   return at::log_softmax((*this)["mixture.log_weight"], 0);
 }
 
-std::vector<at::Tensor> Networks::Parameters(Part part) const {
+std::vector<std::string> Networks::NamesOf(Part part) const {
   // By the beginnings of their names; the longest that fits decides.
   static const auto& parts =
       *new std::map<std::string, Part>{{"trajectory_encoder.", Part::kTrajectoryEncoder},
@@ -362,7 +382,7 @@ std::vector<at::Tensor> Networks::Parameters(Part part) const {
                                        {"mean_residual.", Part::kScenarioEncoder},
                                        {"decoder_covariance.", Part::kDecoderCovariance},
                                        {"scene_covariance.", Part::kSceneCovariance}};
-  std::vector<at::Tensor> parameters;
+  std::vector<std::string> names;
   for (const auto& [name, tensor] : tensors_) {
     if (!tensor.requires_grad()) continue;
     size_t longest = 0;
@@ -372,9 +392,23 @@ std::vector<at::Tensor> Networks::Parameters(Part part) const {
       longest = prefix.size();
       belongs = of == part;
     }
-    if (belongs) parameters.push_back(tensor);
+    if (belongs) names.push_back(name);
   }
+  return names;
+}
+
+std::vector<at::Tensor> Networks::Parameters(Part part) const {
+  std::vector<at::Tensor> parameters;
+  for (const std::string& name : NamesOf(part)) parameters.push_back((*this)[name]);
   return parameters;
+}
+
+std::vector<bool> Networks::Decays(Part part) const {
+  std::vector<bool> decays;
+  for (const std::string& name : NamesOf(part)) {
+    decays.push_back(EndsWith(name, ".weight") && (*this)[name].dim() > 1);
+  }
+  return decays;
 }
 
 std::vector<at::Tensor> Networks::RunningMoments() const {

@@ -30,7 +30,8 @@ class Networks {
  public:
   // Draws fresh weights: He initialisation for layers before a ReLU, and the mixture at N(0, I).
   // The last layer of the scenario encoders is small, so an untrained one gives the generic action.
-  // The last batch normalisation of a residual block has gamma 0.
+  // The last batch normalisation of a residual block has gamma 0. Numbers of lane paths and agents
+  // that a dataset may lack have weights 0, so that what is not learned has no effect.
   Networks(const v1::ModelSpec& spec, at::Device device, at::Generator& generator);
 
   const v1::ModelSpec& spec() const { return spec_; }
@@ -102,6 +103,10 @@ class Networks {
     kSceneCovariance
   };
   std::vector<at::Tensor> Parameters(Part part) const;
+  // Returns for each of these parameters whether weight decay applies to it. It applies to the
+  // weights of layers. Biases, normalisations and the mixture do not decay, also where they have a
+  // row for each action.
+  std::vector<bool> Decays(Part part) const;
   // Returns the running moments of the batch normalisations.
   std::vector<at::Tensor> RunningMoments() const;
 
@@ -118,6 +123,8 @@ class Networks {
   void Restore(const Snapshot& snapshot);
 
  private:
+  // Returns the names of the learned tensors of a part, in ascending order.
+  std::vector<std::string> NamesOf(Part part) const;
   // Evaluates the backbone: rasters -> the last grid [B, C', h, w].
   at::Tensor EvaluateBackbone(const RasterBatch& rasters, bool training);
   at::Tensor Mlp(const std::string& name, size_t layers, at::Tensor x) const;

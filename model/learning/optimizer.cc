@@ -75,6 +75,13 @@ void AdamW::Add(const std::vector<at::Tensor>& parameters, double rate, double d
   }
 }
 
+void AdamW::Add(const std::vector<at::Tensor>& parameters, const std::vector<bool>& decays,
+                double rate, double decay) {
+  for (size_t i = 0; i < parameters.size(); ++i) {
+    Add({parameters[i]}, rate, decays[i] ? decay : 0.0);
+  }
+}
+
 std::vector<at::Tensor> AdamW::Parameters() const {
   std::vector<at::Tensor> parameters;
   for (const Slot& slot : slots_) parameters.push_back(slot.parameter);

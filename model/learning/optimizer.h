@@ -16,11 +16,16 @@ namespace maneuver::learning {
 double LearningRateShare(int64_t step, int64_t warm_up, int64_t steps);
 
 // AdamW (Loshchilov and Hutter, 2019), betas 0.9 and 0.999. Tensors of one dimension (biases,
-// normalisations, the mixture's weights) do not decay.
+// normalisations, the mixture's weights) do not decay. A parameter that decays by d cannot stay
+// beyond 1 / d, whatever its gradient, because a step's gradient part is about the rate at most.
 class AdamW {
  public:
   // Adds parameters that learn at `rate` and decay by `decay`.
   void Add(const std::vector<at::Tensor>& parameters, double rate, double decay);
+  // Does the same, but only those of the parameters decay that `decays` says.
+  //   decays: one for each parameter
+  void Add(const std::vector<at::Tensor>& parameters, const std::vector<bool>& decays, double rate,
+           double decay);
 
   // Returns the parameters, in the order in which they were added.
   std::vector<at::Tensor> Parameters() const;

@@ -123,7 +123,7 @@ class Reader {
     std::ranges::copy(scene::DescribeHistory(varied, motion), Row(scenes.histories, i).begin());
     scenes.speeds.data_ptr<float>()[i] = static_cast<float>(motion.speed);
     reference_.resize(2 * waypoint_times_.size());
-    scene::RollOut(spec_.reference(), motion, waypoint_times_, reference_);
+    scene::RollOut(spec_.reference(), spec_.inputs_version(), motion, waypoint_times_, reference_);
     std::ranges::copy(reference_, Row(scenes.references, i).begin());
     const scene::Pose2 turned(X_WT.x(), X_WT.y(), X_WT.heading() + noisy.heading_error);
     ReadSets(example, turned, motion.speed / variation.scale,
@@ -177,7 +177,7 @@ class Reader {
   std::optional<scene::Raster> raster_;
   scene::NonzeroSearch search_;
   kernels::NonzeroValues values_;
-  scene::LanePathFinder lane_paths_;
+  scene::LanePathFinder lane_paths_{spec_.inputs_version()};
   scene::LanePathInputs paths_;
   scene::AgentInputs agents_;
   std::vector<double> reference_;  // [T, 2]

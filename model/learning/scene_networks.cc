@@ -120,6 +120,7 @@ at::Tensor Networks::LookAtLanes(const SceneTensors& scenes, const at::Tensor& l
         paths.count = static_cast<int>(scenes.path_mask[b].sum().item<float>());
         scene::DescribeActions(
             of_actions, geometry_waypoints_, paths, scenes.speeds[b].item<float>(),
+            spec_.inputs_version(),
             {pairs[b].data_ptr<float>(), static_cast<size_t>(pairs[b].numel())},
             {numbers[b].data_ptr<float>(), static_cast<size_t>(numbers[b].numel())});
       }

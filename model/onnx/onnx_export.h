@@ -28,8 +28,9 @@
 // Callers compute action_paths and action_numbers from the other inputs. For each scene:
 //   1. Add the reference, 0 if the model has none, to each of the generic_trajectories.
 //   2. Pick the points of each that scene::FindGeometryWaypoints names; -1 stands for the origin.
-//   3. Give them to scene::DescribeActions, with lane_paths and the target's speed along its
-//      heading, scene::MotionEstimate::speed. Its formulas are in scene/action_geometry.h.
+//   3. Give them to scene::DescribeActions, with lane_paths, the target's speed along its heading,
+//      scene::MotionEstimate::speed, and the model's inputs_version. Its formulas are in
+//      scene/action_geometry.h.
 //
 // Metadata:
 //   weights_sha256  of the model's weights, hexadecimal

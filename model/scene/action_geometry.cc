@@ -21,8 +21,11 @@ constexpr float kSlowest = 0.5f;       // below this an action has no direction,
 
 // Indices into the numbers of a lane path.
 enum PathNumber {
+  kFirstCosine = 26,  // of the path's heading at its first point
+  kFirstSine = 39,
   kOffset = 62,
-  kHeadingSine = 63,
+  kHeadingSine = 63,  // of the target's heading relative to the path's at the foot
+  kHeadingCosine = 64,
   kLengthLeft = 65,
   kHasLeader = 69,
   kLeaderGap = 70,
@@ -40,11 +43,21 @@ struct Segment {
 };
 using Polyline = std::array<Segment, kPathPoints>;
 
-Polyline ReadPolyline(const float* path) {
-  // Heading of the path at the foot, relative to the target's.
-  const float heading = -std::asin(std::clamp(path[kHeadingSine], -1.0f, 1.0f));
-  float x = path[kOffset] * std::sin(heading);
-  float y = -path[kOffset] * std::cos(heading);
+// Returns the target's foot on a path, target frame, metres.
+std::array<float, 2> FindFoot(const float* path, int inputs_version) {
+  if (inputs_version < 2) {
+    // Heading of the path at the foot, relative to the target's.
+    const float heading = -std::asin(std::clamp(path[kHeadingSine], -1.0f, 1.0f));
+    return {path[kOffset] * std::sin(heading), -path[kOffset] * std::cos(heading)};
+  }
+  const float x = path[kHeadingCosine] + path[kFirstCosine];
+  const float y = path[kFirstSine] - path[kHeadingSine];
+  const float back = kArcLengths[1] / std::max(std::sqrt(x * x + y * y), kShortest);
+  return {path[0] * kLeastScale - back * x, path[1] * kLeastScale - back * y};
+}
+
+Polyline ReadPolyline(const float* path, int inputs_version) {
+  auto [x, y] = FindFoot(path, inputs_version);
   Polyline polyline;
   for (int i = 0; i < kPathPoints; ++i) {
     const float scale = std::max(kArcLengths[i + 1], kLeastScale);
@@ -232,13 +245,13 @@ GeometryWaypoints FindGeometryWaypoints(std::span<const double> waypoint_times) 
 }
 
 void DescribeActions(std::span<const ActionPoints> trajectories, const GeometryWaypoints& waypoints,
-                     const LanePathInputs& paths, double speed, std::span<float> pairs,
-                     std::span<float> actions) {
+                     const LanePathInputs& paths, double speed, int inputs_version,
+                     std::span<float> pairs, std::span<float> actions) {
   constexpr int kActionPairs = kMostLanePaths * kPairNumbers;
   std::fill(pairs.begin(), pairs.end(), 0.0f);
   std::array<Polyline, kMostLanePaths> polylines;
   for (int p = 0; p < paths.count; ++p) {
-    polylines[p] = ReadPolyline(&paths.values[p * kLanePathInputs]);
+    polylines[p] = ReadPolyline(&paths.values[p * kLanePathInputs], inputs_version);
   }
   Points points;
   std::array<Projections, 2> projections;

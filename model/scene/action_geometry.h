@@ -38,8 +38,12 @@ struct ActionPoints {
 // Velocity at each time: u = (at - before) / step. Direction d = u / |u|, or (1, 0) below 0.5 m/s.
 //
 // A lane path is a polyline: the target's foot on it, then its 13 points (lane_paths.h). It
-// continues straight beyond both ends. For an action at one of the times, the nearest segment of a
-// path gives
+// continues straight beyond both ends. The foot is put 2.5 m before the first point, in the mean of
+// the path's directions at the foot and at that point, which is exact for lines and nearly so for
+// arcs. With version 1 of the inputs (inputs_version.h) it is put beside the target, although a
+// lane may begin or end up to 5 m ahead of it or behind it.
+//
+// For an action at one of the times, the nearest segment of a path gives
 //
 //   - the signed distance l to the segment's line, positive to the left,
 //   - the distance to the segment,
@@ -73,8 +77,8 @@ struct ActionPoints {
 //
 //   speed: present speed of the target along its heading, m/s
 void DescribeActions(std::span<const ActionPoints> trajectories, const GeometryWaypoints& waypoints,
-                     const LanePathInputs& paths, double speed, std::span<float> pairs,
-                     std::span<float> actions);
+                     const LanePathInputs& paths, double speed, int inputs_version,
+                     std::span<float> pairs, std::span<float> actions);
 
 }  // namespace maneuver::scene
 

@@ -310,6 +310,30 @@ class Projection {
   double left_;  // -1 in a mirror
 };
 
+double SquaredDistance(const Point2& a, const Point2& b) {
+  const double dx = a.x - b.x;
+  const double dy = a.y - b.y;
+  return dx * dx + dy * dy;
+}
+
+// Returns the squared distance to the nearest of the lines between consecutive points of a path.
+// The first and the last line have no end.
+double SquaredDistance(const Point2& point, const std::array<Point2, kPoints>& path) {
+  double nearest = std::numeric_limits<double>::infinity();
+  for (size_t i = 0; i + 1 < kPoints; ++i) {
+    const double dx = path[i + 1].x - path[i].x;
+    const double dy = path[i + 1].y - path[i].y;
+    const double squared_length = dx * dx + dy * dy;
+    if (squared_length == 0.0) continue;
+    double share = ((point.x - path[i].x) * dx + (point.y - path[i].y) * dy) / squared_length;
+    if (i > 0) share = std::max(share, 0.0);
+    if (i + 2 < kPoints) share = std::min(share, 1.0);
+    nearest = std::min(
+        nearest, SquaredDistance(point, Point2{path[i].x + share * dx, path[i].y + share * dy}));
+  }
+  return nearest;
+}
+
 struct Leader {
   const Other* agent = nullptr;
   Passing passing;
@@ -346,6 +370,8 @@ class Row {
 
 class LanePathFinder::Search {
  public:
+  explicit Search(int inputs_version) : inputs_version_(inputs_version) {}
+
   void Find(const v1::Scenario& scenario, const LaneGraph& lanes, double time, int64_t target_id,
             const Pose2& X_WT, double speed, const WorldView& view, LanePathInputs* inputs) {
     assert(view.scale > 0.0);
@@ -478,9 +504,10 @@ class LanePathFinder::Search {
       bool same = true;
       // Compares from the far end, where paths differ most.
       for (size_t i = kPoints; i-- > 0 && same;) {
-        const double dx = points_[path][i].x - points_[other][i].x;
-        const double dy = points_[path][i].y - points_[other][i].y;
-        same = dx * dx + dy * dy < kSamePath * kSamePath;
+        const Point2& point = points_[path][i];
+        const double squared = inputs_version_ < 2 ? SquaredDistance(point, points_[other][i])
+                                                   : SquaredDistance(point, points_[other]);
+        same = squared < kSamePath * kSamePath;
       }
       if (same) return true;
     }
@@ -688,6 +715,7 @@ class LanePathFinder::Search {
     return path;
   }
 
+  int inputs_version_;
   // The target at hand.
   double scale_ = 1.0;
   Starts starts_;
@@ -703,7 +731,8 @@ class LanePathFinder::Search {
   std::array<Heading, kPoints> headings_;                           // target's frame
 };
 
-LanePathFinder::LanePathFinder() : search_(std::make_unique<Search>()) {}
+LanePathFinder::LanePathFinder(int inputs_version)
+    : search_(std::make_unique<Search>(inputs_version)) {}
 LanePathFinder::~LanePathFinder() = default;
 LanePathFinder::LanePathFinder(LanePathFinder&&) noexcept = default;
 LanePathFinder& LanePathFinder::operator=(LanePathFinder&&) noexcept = default;

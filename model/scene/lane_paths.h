@@ -23,8 +23,11 @@
 //      110 m long or its last lane has no further successor. The first five complete paths of a
 //      start count. After 128 extensions a path counts as it is, which bounds the time that forks
 //      can take.
-//   3. A path is dropped if all of its 13 points are within 1.5 m of those of an earlier path. The
-//      first six remaining paths are the target's.
+//   3. A path is dropped if all of its 13 points are within 1.5 m of an earlier path: of the lines
+//      between that path's 13 points, which continue straight beyond both ends. Near the border
+//      between two lanes, both are starts of the same way. The first six remaining paths are the
+//      target's. With version 1 of the inputs (inputs_version.h), a path is dropped only if its
+//      points are within 1.5 m of the points of an earlier path with the same numbers.
 //
 // Inputs. Row i of LanePathInputs describes path i by kLanePathInputs = 84 numbers. v is the
 // target's speed, n the number of a point, and D_n = 2.5 5 7.5 10 15 20 25 30 40 50 65 80 100 m.
@@ -91,6 +94,7 @@
 #include <vector>
 
 #include "maneuver/v1/scenario.pb.h"
+#include "model/scene/inputs_version.h"
 #include "model/scene/lane_graph.h"
 #include "model/scene/lane_path_inputs.h"
 #include "model/scene/pose2.h"
@@ -118,7 +122,7 @@ struct LanePath {
 // Finds the lane paths of targets. Holds scratch memory: use one per thread.
 class LanePathFinder {
  public:
-  LanePathFinder();
+  explicit LanePathFinder(int inputs_version = kLatestInputsVersion);
   ~LanePathFinder();
   LanePathFinder(LanePathFinder&&) noexcept;
   LanePathFinder& operator=(LanePathFinder&&) noexcept;

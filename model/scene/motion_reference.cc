@@ -2,14 +2,16 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace maneuver::scene {
 namespace {
 
 constexpr double kLongestStep = 0.1;  // seconds
 
-void RollOutFading(const MotionEstimate& motion, std::span<const double> waypoint_times,
-                   std::span<double> reference) {
+// least_speed: v(t) is not below it, m/s
+void RollOutFading(const MotionEstimate& motion, double least_speed,
+                   std::span<const double> waypoint_times, std::span<double> reference) {
   const double acceleration =
       std::clamp(motion.acceleration, -kMostAcceleration, kMostAcceleration);
   const double turn_rate = std::clamp(motion.turn_rate, -kMostTurnRate, kMostTurnRate);
@@ -27,8 +29,7 @@ void RollOutFading(const MotionEstimate& motion, std::span<const double> waypoin
     for (int j = 1; j <= steps; ++j) {
       time = start + j * step;
       const double faded = kMotionFades * (1.0 - std::exp(-time / kMotionFades));
-      double next_speed = motion.speed + acceleration * faded;
-      if (motion.speed > 0.0) next_speed = std::max(0.0, next_speed);
+      const double next_speed = std::max(least_speed, motion.speed + acceleration * faded);
       const double next_heading = turn_rate * faded;
       const double mean_speed = 0.5 * (speed + next_speed);
       const double mean_heading = 0.5 * (heading + next_heading);
@@ -43,13 +44,18 @@ void RollOutFading(const MotionEstimate& motion, std::span<const double> waypoin
   }
 }
 
+double LeastSpeed(double speed, int inputs_version) {
+  if (speed > 0.0) return 0.0;
+  return inputs_version < 2 ? -std::numeric_limits<double>::infinity() : speed;
+}
+
 }  // namespace
 
-void RollOut(v1::TrajectoryReference kind, const MotionEstimate& motion,
+void RollOut(v1::TrajectoryReference kind, int inputs_version, const MotionEstimate& motion,
              std::span<const double> waypoint_times, std::span<double> reference) {
   switch (kind) {
     case v1::TRAJECTORY_REFERENCE_FADING_MOTION:
-      RollOutFading(motion, waypoint_times, reference);
+      RollOutFading(motion, LeastSpeed(motion.speed, inputs_version), waypoint_times, reference);
       return;
     case v1::TRAJECTORY_REFERENCE_CONSTANT_VELOCITY:
       for (size_t i = 0; i < waypoint_times.size(); ++i) {

@@ -24,16 +24,20 @@ inline constexpr double kMostTurnRate = 1.0;      // rad/s, either sign
 //   FADING_MOTION      acceleration a0 and turn rate w0 decay as e^(-t / tau), tau = kMotionFades:
 //
 //     f(t) = tau (1 - e^(-t / tau))
-//     v(t) = v0 + a0 f(t), not below 0 where v0 > 0       a0 clamped to +- kMostAcceleration
+//     v(t) = v0 + a0 f(t), not below min(v0, 0)           a0 clamped to +- kMostAcceleration
 //     h(t) = w0 f(t)                                      w0 clamped to +- kMostTurnRate
 //     r(t) = integral of v (cos h, sin h) from 0 to t
 //
-//   by the midpoint rule. Each interval between waypoints is divided into equal steps of at most
-//   0.1 s; v and h of a step are the means of their values at its two ends.
+//   A vehicle that brakes stops. One that has just stopped stays, although its past second still
+//   shows the braking, and one that backs does not back faster. With version 1 of the inputs
+//   (inputs_version.h), v(t) has no such bound where v0 <= 0: these two are driven backwards.
+//
+//   The integral is by the midpoint rule. Each interval between waypoints is divided into equal
+//   steps of at most 0.1 s; v and h of a step are the means of their values at its two ends.
 //
 //   waypoint_times: [T] seconds, increasing, above 0
 //   reference: [T, 2]
-void RollOut(v1::TrajectoryReference kind, const MotionEstimate& motion,
+void RollOut(v1::TrajectoryReference kind, int inputs_version, const MotionEstimate& motion,
              std::span<const double> waypoint_times, std::span<double> reference);
 
 }  // namespace maneuver::scene

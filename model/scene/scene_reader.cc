@@ -19,7 +19,7 @@ double PresentOf(const v1::Agent& agent, double time) {
 
 SceneReader::SceneReader(const v1::ModelSpec& spec) : spec_(spec) {
   if (spec.has_raster()) rasterizer_.emplace(spec.raster());
-  if (spec.scene_vectors().path_width() > 0) lane_paths_.emplace();
+  if (spec.scene_vectors().path_width() > 0) lane_paths_.emplace(spec.inputs_version());
 }
 
 SceneInputs SceneReader::NewInputs() const {

@@ -28,7 +28,7 @@ inference::Trajectory RollOut(const v1::ModelSpec& spec, const scene::MotionEsti
   if (!artifact::HasReference(spec)) return reference;
   const std::vector<double> times = artifact::WaypointTimes(spec.trajectory());
   reference.resize(static_cast<Eigen::Index>(times.size()), 2);
-  scene::RollOut(spec.reference(), motion, times,
+  scene::RollOut(spec.reference(), spec.inputs_version(), motion, times,
                  {reference.data(), static_cast<size_t>(reference.size())});
   return reference;
 }

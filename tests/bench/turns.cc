@@ -117,6 +117,7 @@ class LaneComparison {
       : scenes_(scenes),
         waypoints_(
             scene::FindGeometryWaypoints(artifact::WaypointTimes(model.spec().trajectory()))),
+        inputs_version_(model.spec().inputs_version()),
         actions_(static_cast<size_t>(model.spec().actions())),
         paths_(scenes.size() * PathsOfScene()),
         numbers_(scenes.size() * NumbersOfScene()) {
@@ -133,7 +134,7 @@ class LaneComparison {
   void Compare() {
     for (size_t n = 0; n < scenes_.size(); ++n) {
       scene::DescribeActions(points_[n], waypoints_, scenes_[n].vectors->paths,
-                             scenes_[n].vectors->motion.speed,
+                             scenes_[n].vectors->motion.speed, inputs_version_,
                              std::span(paths_).subspan(n * PathsOfScene(), PathsOfScene()),
                              std::span(numbers_).subspan(n * NumbersOfScene(), NumbersOfScene()));
     }
@@ -168,6 +169,7 @@ class LaneComparison {
 
   std::span<const inference::SceneInput> scenes_;
   scene::GeometryWaypoints waypoints_;
+  int inputs_version_;
   size_t actions_;
   std::vector<std::vector<scene::ActionPoints>> points_;  // [scenes, actions]
   std::vector<float> paths_;                              // [scenes, K, paths, numbers]

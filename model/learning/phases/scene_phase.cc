@@ -57,7 +57,8 @@ absl::Status LearnFromScenes(const ScenePhase& phase, LearningState& state, Epoc
   AdamW optimizer;
   bool scene_learns = false;
   for (const LearningPart& each : phase.parts) {
-    optimizer.Add(state.networks.Parameters(each.part), each.rate, optimization.weight_decay());
+    optimizer.Add(state.networks.Parameters(each.part), state.networks.Decays(each.part), each.rate,
+                  optimization.weight_decay());
     scene_learns |= each.part == Networks::Part::kScene;
   }
   SceneSteps steps(phase, scene_learns, loop.micro_batches(), state);

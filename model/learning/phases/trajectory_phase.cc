@@ -80,8 +80,8 @@ absl::Status LearnFromTrajectories(const TrajectoryPhase& phase, LearningState& 
   const v1::OptimizationSettings& optimization = state.settings.optimization();
   AdamW optimizer;
   for (const Networks::Part part : phase.parts) {
-    optimizer.Add(state.networks.Parameters(part), optimization.learning_rate(),
-                  optimization.weight_decay());
+    optimizer.Add(state.networks.Parameters(part), state.networks.Decays(part),
+                  optimization.learning_rate(), optimization.weight_decay());
   }
   const int64_t batch_size = optimization.batch_size() * kTrajectoryBatchFactor;
   TrajectorySteps steps(phase, batch_size, state);

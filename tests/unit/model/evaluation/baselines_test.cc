@@ -58,6 +58,15 @@ TEST(ConstantTurnRateAndAccelerationTest, ABrakingVehicleStopsAndStays) {
   EXPECT_DOUBLE_EQ(trajectory(2, 0), 4.0);
 }
 
+TEST(ConstantTurnRateAndAccelerationTest, AVehicleThatHasJustStoppedStays) {
+  const std::array<double, 2> times = {1.0, 5.0};
+  for (const double turn_rate : {0.0, 0.3}) {
+    const Trajectory trajectory = ConstantTurnRateAndAcceleration(
+        {.velocity_x = 0.0, .acceleration = -2.0, .turn_rate = turn_rate}, times);
+    EXPECT_DOUBLE_EQ(trajectory.cwiseAbs().maxCoeff(), 0.0);
+  }
+}
+
 // A vehicle that accelerates by 2 m/s^2 and turns left by 0.3 rad/s through the heading pi, its
 // velocity along its heading. At time 10 it drives 5 m/s with heading 3.1 rad.
 v1::Agent Turning(double from, double to) {

@@ -429,7 +429,8 @@ ReferenceModel::Scene ReferenceModel::Encode(const scene::SceneVectors& vectors,
   scene.speed = vectors.motion.speed;
   const std::vector<double> times = artifact::WaypointTimes(spec().trajectory());
   scene.reference.resize(2 * times.size());
-  scene::RollOut(spec().reference(), vectors.motion, times, scene.reference);
+  scene::RollOut(spec().reference(), spec().inputs_version(), vectors.motion, times,
+                 scene.reference);
 
   const Values own = Relu(Linear(
       "history.1", Relu(Linear("history.0", Doubles(vectors.history, 0, scene::kHistoryInputs)))));
@@ -473,7 +474,8 @@ ReferenceModel::Rows ReferenceModel::Geometry(const scene::SceneVectors& vectors
   }
   std::vector<float> pairs(K * scene::kMostLanePaths * scene::kPairNumbers);
   std::vector<float> actions(K * scene::kActionNumbers);
-  scene::DescribeActions(points, waypoints, vectors.paths, vectors.motion.speed, pairs, actions);
+  scene::DescribeActions(points, waypoints, vectors.paths, vectors.motion.speed,
+                         spec().inputs_version(), pairs, actions);
 
   const std::string name = "action_geometry.";
   const size_t G = static_cast<size_t>(spec().action_geometry().pair_width());

@@ -180,7 +180,7 @@ Scenes MakeScenes(const v1::ModelSpec& spec) {
     std::copy(vectors.agents.values.begin(), vectors.agents.values.end(),
               agents.values.begin() + n * scene::kMostNearAgents * scene::kAgentInputs);
     const size_t size = 2 * times.size();
-    scene::RollOut(spec.reference(), vectors.motion, times,
+    scene::RollOut(spec.reference(), spec.inputs_version(), vectors.motion, times,
                    std::span(reference.values).subspan(static_cast<size_t>(n) * size, size));
     if (spec.has_raster()) AddRaster(spec, n, &scenes);
     scenes.inputs.push_back(
@@ -225,8 +225,8 @@ void AddActionInputs(const v1::ModelSpec& spec, const Array& generic, Scenes* sc
         static_cast<size_t>(K * scene::kMostLanePaths * scene::kPairNumbers));
     std::vector<float> of_actions(static_cast<size_t>(K * scene::kActionNumbers));
     const scene::SceneVectors& vectors = scenes->vectors[static_cast<size_t>(n)];
-    scene::DescribeActions(points, waypoints, vectors.paths, vectors.motion.speed, of_pairs,
-                           of_actions);
+    scene::DescribeActions(points, waypoints, vectors.paths, vectors.motion.speed,
+                           spec.inputs_version(), of_pairs, of_actions);
     pairs.values.insert(pairs.values.end(), of_pairs.begin(), of_pairs.end());
     numbers.values.insert(numbers.values.end(), of_actions.begin(), of_actions.end());
   }

@@ -8,6 +8,11 @@
 #include <span>
 #include <vector>
 
+#include "model/scene/inputs_version.h"
+#include "model/scene/lane_paths.h"
+#include "model/scene/road_map.h"
+#include "tests/unit/model/scene/scene_fixture.h"
+
 namespace maneuver::scene::action_geometry_test {
 namespace {
 
@@ -47,6 +52,8 @@ float* AddStraightPath(LanePathInputs& paths, double offset, double heading, dou
     const double scale = std::max(kArcLengths[i], 5.0);
     path[2 * i] = static_cast<float>((foot.x + kArcLengths[i] * std::cos(heading)) / scale);
     path[2 * i + 1] = static_cast<float>((foot.y + kArcLengths[i] * std::sin(heading)) / scale);
+    path[26 + i] = static_cast<float>(std::cos(heading));
+    path[39 + i] = static_cast<float>(std::sin(heading));
   }
   path[62] = static_cast<float>(offset);
   path[63] = static_cast<float>(std::sin(-heading));
@@ -66,18 +73,32 @@ struct Numbers {
 };
 
 Numbers Describe(std::span<const ActionPoints> trajectories, const LanePathInputs& paths,
-                 double speed = 0.0, const GeometryWaypoints& waypoints = kUsual) {
+                 double speed = 0.0, const GeometryWaypoints& waypoints = kUsual,
+                 int version = kLatestInputsVersion) {
   // Initially nonzero, so that every number must be written.
   Numbers numbers{std::vector<float>(trajectories.size() * kMostLanePaths * kPairNumbers, 7.0f),
                   std::vector<float>(trajectories.size() * kActionNumbers, 7.0f)};
-  DescribeActions(trajectories, waypoints, paths, speed, numbers.pairs, numbers.actions);
+  DescribeActions(trajectories, waypoints, paths, speed, version, numbers.pairs, numbers.actions);
   return numbers;
 }
 
-// Computes the same numbers in double precision, one point and one segment at a time. Finds the
-// foot by turning the axes rather than by its formula.
+// Finds the foot with angles rather than by the formulas of action_geometry.cc.
+Point PlainFoot(const float* path, int version) {
+  const double start = std::atan2(-path[63], path[64]);
+  if (version >= 2) {
+    const double first = std::atan2(path[39], path[26]);
+    const double mean = start + 0.5 * std::remainder(first - start, 2.0 * M_PI);
+    return {5 * path[0] - 2.5 * std::cos(mean), 5 * path[1] - 2.5 * std::sin(mean)};
+  }
+  // One metre to the left of the path is its direction turned by a quarter turn. The target, at
+  // (0, 0), is path[62] of these from the foot.
+  return {path[62] * std::sin(start), -path[62] * std::cos(start)};
+}
+
+// Computes the same numbers in double precision, one point and one segment at a time.
 Numbers DescribePlainly(std::span<const ActionPoints> trajectories, const LanePathInputs& paths,
-                        double speed, const GeometryWaypoints& waypoints) {
+                        double speed, const GeometryWaypoints& waypoints,
+                        int version = kLatestInputsVersion) {
   Numbers numbers;
   for (const ActionPoints& action : trajectories) {
     double speeds[3];
@@ -93,11 +114,7 @@ Numbers DescribePlainly(std::span<const ActionPoints> trajectories, const LanePa
       std::vector<double> pair(kPairNumbers, 0.0);
       if (p < paths.count) {
         const float* path = &paths.values[p * kLanePathInputs];
-        // One metre to the left of the path is its direction turned by a quarter turn. The target,
-        // at (0, 0), is path[62] of these from the foot.
-        const double turned = std::asin(static_cast<double>(path[63]));
-        const Point direction = {std::cos(turned), -std::sin(turned)};
-        std::vector<Point> line = {{path[62] * direction.y, -path[62] * direction.x}};
+        std::vector<Point> line = {PlainFoot(path, version)};
         std::vector<double> arcs = {0.0};
         for (int i = 0; i < 13; ++i) {
           const double scale = std::max(kArcLengths[i], 5.0);
@@ -166,7 +183,9 @@ Problem RandomProblem(int actions, int paths, uint64_t seed) {
   for (int p = 0; p < paths; ++p) {
     const double heading = 0.8 * uniform(random);
     float* path = AddStraightPath(problem.paths, 3 * uniform(random), heading);
-    Point at = {path[62] * std::sin(heading), -path[62] * std::cos(heading)};
+    const double along = p % 2 == 0 ? 0.0 : 5 * uniform(random);  // of the foot
+    Point at = {path[62] * std::sin(heading) + along * std::cos(heading),
+                -path[62] * std::cos(heading) + along * std::sin(heading)};
     double arc = 0;
     const double curvature = 0.02 * uniform(random);
     for (int i = 0; i < 13; ++i) {
@@ -176,6 +195,8 @@ Problem RandomProblem(int actions, int paths, uint64_t seed) {
       arc = kArcLengths[i];
       path[2 * i] = static_cast<float>(at.x / std::max(arc, 5.0));
       path[2 * i + 1] = static_cast<float>(at.y / std::max(arc, 5.0));
+      path[26 + i] = static_cast<float>(std::cos(heading + curvature * arc));
+      path[39 + i] = static_cast<float>(std::sin(heading + curvature * arc));
     }
     path[69] = p % 2 == 0 ? 1.0f : 0.0f;
     path[70] = static_cast<float>(1 + uniform(random));
@@ -264,6 +285,48 @@ TEST(ActionGeometryTest, ADirectionToTheLeftOfThePathHasAPositiveSine) {
   EXPECT_NEAR(numbers.pair(0, 0)[9], std::cos(0.2), 1e-5);
 }
 
+// The foot is beside the target only where the lane is.
+TEST(ActionGeometryTest, APathLeadsForwardWhereverItsFootIs) {
+  for (const double along : {-4.5, -3.0, -2.5, -1.0, 0.0, 2.0, 4.5}) {
+    for (const double offset : {0.0, 1.2, -2.0}) {
+      for (const double heading : {0.0, 0.4, -0.9}) {
+        LanePathInputs paths;
+        float* path = AddStraightPath(paths, offset, heading);
+        for (int i = 0; i < 13; ++i) {
+          const double scale = std::max(kArcLengths[i], 5.0);
+          path[2 * i] += static_cast<float>(along * std::cos(heading) / scale);
+          path[2 * i + 1] += static_cast<float>(along * std::sin(heading) / scale);
+        }
+        const ActionPoints action = Straight(10.0, heading);
+        const Numbers numbers = Describe({&action, 1}, paths);
+        const float* pair = numbers.pair(0, 0);
+        for (int t = 0; t < 3; ++t) {
+          EXPECT_NEAR(pair[t], offset / 3, 1e-3) << along << " " << offset << " " << heading;
+          EXPECT_NEAR(pair[6 + t], 0.0, 1e-3) << along << " " << offset << " " << heading;
+        }
+        EXPECT_NEAR(pair[9], 1.0, 1e-4) << along << " " << offset << " " << heading;
+        EXPECT_NEAR(50 * pair[10], 50.0 - along, 0.02) << along << " " << offset << " " << heading;
+      }
+    }
+  }
+}
+
+TEST(ActionGeometryTest, ALaneThatEndedBehindTheTargetContinuesForward) {
+  v1::Scenario scenario;
+  AddFeature(&scenario, v1::MAP_FEATURE_TYPE_LANE_CENTERLINE, {{-40.0, -1.5}, {-3.0, -1.5}});
+  const RoadMap map = RoadMap::Over(scenario.map_features());
+  LanePathInputs paths;
+  LanePathFinder().Find(scenario, map.lanes(), 0.0, 1, Pose2(), 10.0, {}, &paths);
+  ASSERT_EQ(paths.count, 1);
+  const ActionPoints action = Straight(10.0, 0.0);
+  const Numbers numbers = Describe({&action, 1}, paths);
+  EXPECT_NEAR(numbers.pair(0, 0)[2], 0.5, 1e-3);         // 1.5 m to the left of it
+  EXPECT_NEAR(numbers.pair(0, 0)[9], 1.0, 1e-4);         // along it, not against it
+  EXPECT_NEAR(50 * numbers.pair(0, 0)[10], 53.0, 0.02);  // 50 m ahead of the target
+  // Version 1 puts the foot beside the target, so that the path begins backwards.
+  EXPECT_NEAR(Describe({&action, 1}, paths, 0.0, kUsual, 1).pair(0, 0)[9], -1.0, 1e-4);
+}
+
 TEST(ActionGeometryTest, APathContinuesStraightBeyondBothEnds) {
   LanePathInputs paths;
   AddStraightPath(paths, 0.0, 0.0, 100.0);
@@ -337,14 +400,16 @@ TEST(ActionGeometryTest, AbsentPathsAreZero) {
 TEST(ActionGeometryTest, EqualsAPlainEvaluation) {
   for (const int count : {1, 3, 6}) {
     const Problem problem = RandomProblem(70, count, 11 + count);
-    const Numbers numbers = Describe(problem.actions, problem.paths, 7.0);
-    const Numbers plain = DescribePlainly(problem.actions, problem.paths, 7.0, kUsual);
-    ASSERT_EQ(numbers.pairs.size(), plain.pairs.size());
-    for (size_t i = 0; i < plain.pairs.size(); ++i) {
-      ASSERT_NEAR(numbers.pairs[i], plain.pairs[i], 1e-4) << count << " " << i;
-    }
-    for (size_t i = 0; i < plain.actions.size(); ++i) {
-      ASSERT_NEAR(numbers.actions[i], plain.actions[i], 1e-5) << i;
+    for (const int version : {1, 2}) {
+      const Numbers numbers = Describe(problem.actions, problem.paths, 7.0, kUsual, version);
+      const Numbers plain = DescribePlainly(problem.actions, problem.paths, 7.0, kUsual, version);
+      ASSERT_EQ(numbers.pairs.size(), plain.pairs.size());
+      for (size_t i = 0; i < plain.pairs.size(); ++i) {
+        ASSERT_NEAR(numbers.pairs[i], plain.pairs[i], 1e-4) << count << " " << i;
+      }
+      for (size_t i = 0; i < plain.actions.size(); ++i) {
+        ASSERT_NEAR(numbers.actions[i], plain.actions[i], 1e-5) << i;
+      }
     }
   }
 }
@@ -370,6 +435,7 @@ TEST(ActionGeometryTest, AMirrorSwapsLeftAndRight) {
   for (int p = 0; p < kMostLanePaths; ++p) {
     float* path = &problem.paths.values[p * kLanePathInputs];
     for (int i = 1; i < 26; i += 2) path[i] = -path[i];
+    for (int i = 39; i < 52; ++i) path[i] = -path[i];
     path[62] = -path[62];
     path[63] = -path[63];
   }

@@ -76,11 +76,12 @@ struct World {
   }
 };
 
-LanePathInputs Find(const World& world, const WorldView& view = {}) {
+LanePathInputs Find(const World& world, const WorldView& view = {},
+                    int version = kLatestInputsVersion) {
   LanePathInputs inputs;
   inputs.values.fill(7.0F);
-  LanePathFinder().Find(world.scenario, RoadMap::Over(world.scenario.map_features()).lanes(), kTime,
-                        kTarget, world.X_WT, world.speed, view, &inputs);
+  LanePathFinder(version).Find(world.scenario, RoadMap::Over(world.scenario.map_features()).lanes(),
+                               kTime, kTarget, world.X_WT, world.speed, view, &inputs);
   return inputs;
 }
 
@@ -282,6 +283,39 @@ TEST(LanePathsTest, DropsPathsThatStayCloseToAnEarlierOne) {
   ASSERT_EQ(inputs.count, 2);
   EXPECT_NEAR(PointAt(inputs, 0, 11).y, 0.0, 1e-4);
   EXPECT_NEAR(PointAt(inputs, 1, 11).y, 0.0, 1e-4);
+}
+
+TEST(LanePathsTest, AWayHasOnePathNearABorderBetweenItsLanes) {
+  for (const double border : {-4.5, -3.0, -1.0, 0.0, 1.0, 3.0, 4.5}) {
+    World world;
+    world.AddLane(1, Line({-40.0, 0.5}, {border, 0.5}, 0.5));
+    world.AddLane(2, Line({border, 0.5}, {150.0, 0.5}));
+    const LanePathInputs inputs = Find(world);
+    ASSERT_EQ(inputs.count, 1) << border;
+    for (int i = 0; i < 13; ++i) {
+      EXPECT_NEAR(PointAt(inputs, 0, i).x, kDistances[i], 1e-4) << border;
+    }
+    EXPECT_EQ(Find(world, {}, 1).count, std::abs(border) > 1.5 ? 2 : 1) << border;
+  }
+  // Lanes that nothing continues, and those that nothing leads to, have paths of their own.
+  World world;
+  world.AddLane(1, Line({-40.0, 0.0}, {-3.0, 0.0}));
+  world.AddLane(2, Line({4.0, 2.0}, {150.0, 2.0}));
+  EXPECT_EQ(Find(world).count, 2);
+}
+
+TEST(LanePathsTest, ASecondPathOfAWayDisplacesNoNeighbouringLane) {
+  World world;  // 3 m after a border; the lane divides in three; another one runs beside it
+  world.AddLane(1, Line({-40.0, 0.0}, {-3.0, 0.0}));
+  world.AddLane(2, Line({-3.0, 0.0}, {20.0, 0.0}));
+  for (const double heading : {-0.4, 0.0, 0.4}) {
+    world.AddLane(0,
+                  Line({20.0, 0.0}, {20.0 + 120.0 * std::cos(heading), 120.0 * std::sin(heading)}));
+  }
+  world.AddLane(9, Line({-40.0, 3.5}, {150.0, 3.5}));
+  const LanePathInputs inputs = Find(world);
+  ASSERT_EQ(inputs.count, 4);
+  EXPECT_NEAR(PointAt(inputs, 3, 12).y, 3.5, 1e-4);
 }
 
 TEST(LanePathsTest, KeepsAtMostFivePathsPerStartAndSixInTotal) {
@@ -519,18 +553,27 @@ World RandomWorld(std::mt19937& random, bool all_declared) {
 
 TEST(LanePathsTest, InputsMatchAPlainImplementation) {
   std::mt19937 random(11);
-  LanePathFinder finder;
+  LanePathFinder finders[] = {LanePathFinder(1), LanePathFinder(2)};
+  int dropped = 0;
   int paths = 0, several = 0, leaders = 0, signals = 0, stop_signs = 0;
   for (int trial = 0; trial < 400; ++trial) {
     const World world = RandomWorld(random, trial % 2 == 0);
     const RoadMap map = RoadMap::Over(world.scenario.map_features());
     LanePathInputs inputs;
-    finder.Find(world.scenario, map.lanes(), kTime, kTarget, world.X_WT, world.speed, {}, &inputs);
-    const auto expected = PlainLanePaths(world.scenario, kTime, kTarget, world.X_WT, world.speed);
-    ASSERT_EQ(inputs.count, static_cast<int>(expected.size())) << "trial " << trial;
+    for (const int version : {1, 2}) {
+      const int before = version == 2 ? inputs.count : 0;
+      finders[version - 1].Find(world.scenario, map.lanes(), kTime, kTarget, world.X_WT,
+                                world.speed, {}, &inputs);
+      dropped += inputs.count < before;
+      const auto expected =
+          PlainLanePaths(world.scenario, kTime, kTarget, world.X_WT, world.speed, version);
+      ASSERT_EQ(inputs.count, static_cast<int>(expected.size())) << "trial " << trial;
+      for (int path = 0; path < inputs.count; ++path) {
+        ExpectRow(inputs, path, expected[static_cast<size_t>(path)], 1e-5,
+                  "trial " + std::to_string(trial));
+      }
+    }
     for (int path = 0; path < inputs.count; ++path) {
-      ExpectRow(inputs, path, expected[static_cast<size_t>(path)], 1e-5,
-                "trial " + std::to_string(trial));
       leaders += At(inputs, path, kLeader) == 1.0F;
       stop_signs += At(inputs, path, kStopSign) == 1.0F;
       for (int i = 0; i < 4; ++i) signals += At(inputs, path, kSignalAt + i) == 1.0F;
@@ -543,6 +586,7 @@ TEST(LanePathsTest, InputsMatchAPlainImplementation) {
   EXPECT_GT(leaders, 200);
   EXPECT_GT(signals, 200);
   EXPECT_GT(stop_signs, 200);
+  EXPECT_GT(dropped, 20);
 }
 
 // Returns the world after every point goes through `move` and every direction through `turn`, with

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <vector>
 
+#include "model/scene/inputs_version.h"
+
 namespace maneuver::scene::motion_reference_test {
 namespace {
 
@@ -14,9 +16,10 @@ std::vector<double> Times(int count, double interval) {
   return times;
 }
 
-std::vector<double> Fading(const MotionEstimate& motion, const std::vector<double>& times) {
+std::vector<double> Fading(const MotionEstimate& motion, const std::vector<double>& times,
+                           int version = kLatestInputsVersion) {
   std::vector<double> reference(2 * times.size());
-  RollOut(v1::TRAJECTORY_REFERENCE_FADING_MOTION, motion, times, reference);
+  RollOut(v1::TRAJECTORY_REFERENCE_FADING_MOTION, version, motion, times, reference);
   return reference;
 }
 
@@ -60,6 +63,28 @@ TEST(MotionReferenceTest, BrakingStopsAndDoesNotReverse) {
   EXPECT_LT(r[98], 0.5);
 }
 
+// The past second of a vehicle that has just stopped shows how it braked. Its speed is 0 to within
+// the noise of a sensor, of either sign.
+TEST(MotionReferenceTest, AVehicleThatHasJustStoppedStaysThere) {
+  const std::vector<double> times = Times(50, 0.1);
+  for (const double speed : {0.01, 1e-6, 0.0, -1e-6, -0.01}) {
+    const std::vector<double> r = Fading({.speed = speed, .acceleration = -2.0}, times);
+    for (size_t i = 0; i < times.size(); ++i) {
+      EXPECT_NEAR(r[2 * i], 0.0, 0.051) << speed << " " << times[i];
+    }
+    // As models of version 1 learned it.
+    const double x = Fading({.speed = speed, .acceleration = -2.0}, times, 1)[98];
+    EXPECT_NEAR(x, speed > 0.0 ? 0.0 : 5 * speed - 2.0 * (5.0 - 1.0 + std::exp(-5.0)), 0.01);
+  }
+}
+
+TEST(MotionReferenceTest, BackingSlowsDownButDoesNotSpeedUp) {
+  const std::vector<double> times = Times(50, 0.1);
+  const std::vector<double> r = Fading({.speed = -2.0, .acceleration = -1.0}, times);
+  EXPECT_NEAR(r[98], -10.0, 1e-9);
+  EXPECT_GT(Fading({.speed = -2.0, .acceleration = 1.0}, times)[98], -7.0);
+}
+
 TEST(MotionReferenceTest, BoundsImpossibleAccelerationsAndTurns) {
   const std::vector<double> times = Times(10, 0.5);
   EXPECT_EQ(Fading({.speed = 5.0, .acceleration = 1e3, .turn_rate = 1e3}, times),
@@ -70,9 +95,9 @@ TEST(MotionReferenceTest, ConstantVelocityIsStraightAndNoReferenceIsZero) {
   const std::vector<double> times = Times(4, 0.5);
   const MotionEstimate motion{.speed = 3.0, .acceleration = 2.0, .turn_rate = 0.5};
   std::vector<double> r(8, 7.0);
-  RollOut(v1::TRAJECTORY_REFERENCE_CONSTANT_VELOCITY, motion, times, r);
+  RollOut(v1::TRAJECTORY_REFERENCE_CONSTANT_VELOCITY, kLatestInputsVersion, motion, times, r);
   EXPECT_EQ(r, (std::vector<double>{1.5, 0.0, 3.0, 0.0, 4.5, 0.0, 6.0, 0.0}));
-  RollOut(v1::TRAJECTORY_REFERENCE_NONE, motion, times, r);
+  RollOut(v1::TRAJECTORY_REFERENCE_NONE, kLatestInputsVersion, motion, times, r);
   EXPECT_EQ(r, std::vector<double>(8, 0.0));
 }
 

@@ -19,6 +19,24 @@ Point2 Between(Point2 a, Point2 b, double share) {
   return {a.x + share * (b.x - a.x), a.y + share * (b.y - a.y)};
 }
 
+// Returns the distance to the nearest of the straights between points, the first and the last of
+// which go on for 1 km.
+double DistanceToLine(Point2 point, std::vector<Point2> line) {
+  const auto beyond = [](Point2 from, Point2 to) {
+    return Between(from, to, 1.0 + 1000.0 / Distance(from, to));
+  };
+  line.front() = beyond(line[1], line[0]);
+  line.back() = beyond(line[line.size() - 2], line.back());
+  double nearest = 1e9;
+  for (size_t i = 1; i < line.size(); ++i) {
+    const Pose2 start(line[i - 1].x, line[i - 1].y, Angle(line[i - 1], line[i]));
+    const Point2 local = start.ToLocal(point);
+    const double length = Distance(line[i - 1], line[i]);
+    nearest = std::min(nearest, std::hypot(local.x - std::clamp(local.x, 0.0, length), local.y));
+  }
+  return nearest;
+}
+
 struct PlainLane {
   int64_t id = 0;
   double speed_limit = 0.0;
@@ -299,8 +317,8 @@ void AddStopSign(const v1::Scenario& scenario, const PlainPath& path, double foo
 }  // namespace
 
 std::vector<std::vector<double>> PlainLanePaths(const v1::Scenario& scenario, double time,
-                                                int64_t target_id, const Pose2& X_WT,
-                                                double speed) {
+                                                int64_t target_id, const Pose2& X_WT, double speed,
+                                                int inputs_version) {
   const std::vector<PlainLane> lanes = LanesOf(scenario);
   std::vector<std::vector<double>> rows;
   std::vector<std::vector<Point2>> known;
@@ -315,7 +333,8 @@ std::vector<std::vector<double>> PlainLanePaths(const v1::Scenario& scenario, do
       const bool is_known = std::any_of(known.begin(), known.end(), [&](const auto& other) {
         double farthest = 0.0;
         for (size_t i = 0; i < points.size(); ++i) {
-          farthest = std::max(farthest, Distance(points[i], other[i]));
+          farthest = std::max(farthest, inputs_version < 2 ? Distance(points[i], other[i])
+                                                           : DistanceToLine(points[i], other));
         }
         return farthest < 1.5;
       });

@@ -14,7 +14,8 @@ namespace maneuver::scene {
 
 // Returns the 84 numbers of each path of a target in the recorded world.
 std::vector<std::vector<double>> PlainLanePaths(const v1::Scenario& scenario, double time,
-                                                int64_t target_id, const Pose2& X_WT, double speed);
+                                                int64_t target_id, const Pose2& X_WT, double speed,
+                                                int inputs_version);
 
 }  // namespace maneuver::scene
 

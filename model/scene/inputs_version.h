@@ -1,0 +1,21 @@
+// The version of the rules by which a scene becomes a model's inputs (ModelSpec.inputs_version).
+//
+// A model keeps the rules that it was trained with, so its answers do not change when a rule does.
+// Each rule stands where it is applied, with what version 1 has instead:
+//
+//   - the reference of a vehicle that has just stopped: motion_reference.h
+//   - which of several lane paths that lead the same way count: lane_paths.h
+//   - the direction of a lane that begins or ends near the target: action_geometry.h
+//
+// 0 means 1.
+
+#ifndef MANEUVER_MODEL_SCENE_INPUTS_VERSION_H_
+#define MANEUVER_MODEL_SCENE_INPUTS_VERSION_H_
+
+namespace maneuver::scene {
+
+inline constexpr int kLatestInputsVersion = 2;
+
+}  // namespace maneuver::scene
+
+#endif  // MANEUVER_MODEL_SCENE_INPUTS_VERSION_H_
