@@ -17,8 +17,7 @@ constexpr double kMuch = 32 << 20;
 // Memory of this process beyond what it has allocated: its programs, and what was freed.
 double UnusedBytes() {
   const auto process = monitoring::ReadProcessMetrics();
-  const struct mallinfo2 heap = mallinfo2();  // of all arenas
-  return process ? process->resident_bytes - static_cast<double>(heap.uordblks + heap.hblkhd) : 0.0;
+  return process ? process->resident_bytes - process->allocated_bytes : 0.0;
 }
 
 }  // namespace

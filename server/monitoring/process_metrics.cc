@@ -1,5 +1,6 @@
 #include "server/monitoring/process_metrics.h"
 
+#include <malloc.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -55,6 +56,11 @@ std::optional<ProcessMetrics> ReadStat() {
   return metrics;
 }
 
+double AllocatedBytes() {
+  const struct mallinfo2 heap = mallinfo2();  // of all arenas
+  return static_cast<double>(heap.uordblks + heap.hblkhd);
+}
+
 double MaxDescriptors() {
   rlimit limit{};
   if (getrlimit(RLIMIT_NOFILE, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY) {
@@ -75,6 +81,7 @@ std::optional<ProcessMetrics> ReadProcessMetrics() {
   }
   metrics->open_descriptors -= 1.0;  // the descriptor that read this
   metrics->max_descriptors = MaxDescriptors();
+  metrics->allocated_bytes = AllocatedBytes();
   return metrics;
 }
 

@@ -12,9 +12,12 @@ struct ProcessMetrics {
   double cpu_seconds = 0.0;         // process_cpu_seconds_total, user and system
   double start_time_seconds = 0.0;  // process_start_time_seconds, Unix time
   double resident_bytes = 0.0;      // process_resident_memory_bytes
-  double virtual_bytes = 0.0;       // process_virtual_memory_bytes
-  double open_descriptors = 0.0;    // process_open_fds
-  double max_descriptors = 0.0;     // process_max_fds; infinity: no limit
+  // maneuver_allocated_bytes: allocated and not freed. The rest of the resident memory is programs,
+  // and freed memory that the allocator keeps.
+  double allocated_bytes = 0.0;
+  double virtual_bytes = 0.0;     // process_virtual_memory_bytes
+  double open_descriptors = 0.0;  // process_open_fds
+  double max_descriptors = 0.0;   // process_max_fds; infinity: no limit
 };
 
 // Reads the metrics of this process now. Returns nothing if /proc is missing.

@@ -8,8 +8,10 @@ def process():
         "Process",
         curves("How much processor time does it take?", "Cores, of the server alone; jobs are processes of their own.",
                [query("rate(process_cpu_seconds_total{SERVER}[RATE])", "{{instance}}")], "short", least=0),
-        curves("How much memory does it take?", "Resident. Models, maps, the queue; a large message is given back within seconds.",
-               [query("process_resident_memory_bytes{SERVER}", "{{instance}}")], "bytes", least=0),
+        curves("How much memory does it take?", "Resident: models, maps, the queue, and freed memory that is kept for the next burst. Allocated: without "
+               "the last. If that grows for hours, the server leaks.",
+               [query("process_resident_memory_bytes{SERVER}", "{{instance}} resident"),
+                query("maneuver_allocated_bytes{SERVER}", "{{instance}} allocated")], "bytes", least=0),
         curves("How full is the data disk?", "Free, of what holds the data folder. A straight line down to 0: see what grows.",
                [query("maneuver_data_disk_free_bytes{SERVER}", "{{instance}} free")], "bytes", least=0),
         curves("How many descriptors are open?", "Of those allowed. Each connection is one.",
