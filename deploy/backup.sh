@@ -49,6 +49,7 @@ done
 
 unfinished="$backup.unfinished"
 rm -rf "$unfinished" "$unfinished.log"
+trap 'rm -rf "$unfinished" "$unfinished.log"' EXIT
 mkdir -p "$unfinished"
 
 # What is there under its final name is whole and never changes but in one step
@@ -95,6 +96,5 @@ copy_all
 (cd "$unfinished" && find . -type f ! -name SHA256SUMS -print0 | LC_ALL=C sort -z | xargs -0r sha256sum >SHA256SUMS)
 sync -f "$unfinished"
 mv -T "$unfinished" "$backup"
-rm -f "$unfinished.log"
 sync -f "$(dirname "$backup")"
 echo "$backup: $(wc -l <"$backup/SHA256SUMS") files, $(du -sh "$backup" | cut -f1)"

@@ -26,8 +26,7 @@ unfinished=$(mktemp -d "$(dirname "$target")/.unfinished-XXXXXX")
 trap 'rm -rf "$unfinished"' EXIT
 chmod 755 "$unfinished"
 # What was measured of it stays behind: it is of the server's datasets.
-cp -p "$source/model.json" "$source/weights.safetensors" "$unfinished/"
-chmod 644 "$unfinished"/*
+install -m 644 -p "$source/model.json" "$source/weights.safetensors" "$unfinished/"
 sync -f "$unfinished"
 mv -T "$unfinished" "$target"
 trap - EXIT

@@ -57,7 +57,10 @@ mkdir -p "$work/pictures" "$work/scenes"
 step "Server"
 # Port 0: any free port. The server writes the ones it got into a file.
 rm -f "$work/ports.json"
-maneuverd --data-dir "$work/data" --listen 127.0.0.1:0 --metrics-listen 127.0.0.1:0 \
+# A session of its own: Ctrl-C is for this script, which then stops the server.
+trap 'exit 130' INT
+trap 'exit 143' TERM
+setsid maneuverd --data-dir "$work/data" --listen 127.0.0.1:0 --metrics-listen 127.0.0.1:0 \
   --port-file "$work/ports.json" >"$work/maneuverd.out" 2>"$work/maneuverd.log" &
 server=$!
 stop_server() {
@@ -86,8 +89,12 @@ for name in town unseen; do
 done
 
 step "Training through the Train RPC"
+# A training that an earlier run left, since it was interrupted, goes on.
+left=$(maneuver job list --state pending --state running --output json | grep -o '"jobs/[^"]*"' | head -n 1 | tr -d '"' || true)
 if maneuver model show town >/dev/null 2>&1; then
   echo "models/town is already there; --fresh trains it again."
+elif [ -n "$left" ]; then
+  maneuver job watch "$left"
 else
   # Fewer epochs and examples than the preset's, to be done in two minutes. All of the town drives on
   # the right: left and right are not to be swapped.

@@ -188,8 +188,19 @@ def run(options, work, servers):
     check(other.job(job)["attempts"]["started"] > 1, "the restored server went on with the job")
     check(weights(other.data, "town/1") == weights(server.data, "town/1"), "and learned the same, to the bit")
 
+    no_user = script("restore.sh", work / "backup-1", work / "other", "--owner", "nobody-of-that-name")
+    check(no_user.returncode == 2 and "nobody-of-that-name" in no_user.stderr, "an owner that is not there is refused")
+    check(not (work / "other").exists(), "before anything is restored")
+    check(script("restore.sh", work / "backup-1", work / "other", "--folder-only").returncode == 2,
+          "a back-up with maneuver.db is restored as a whole")
     check(script("restore.sh", work / "backup-1", work / "restored").returncode == 2, "nothing is overwritten")
     check(script("backup.sh", server.data, work / "backup-1").returncode == 2, "no back-up is overwritten")
+    (work / "bin").mkdir()
+    (work / "bin" / "sqlite3").write_text("#!/bin/sh\nexit 1\n")
+    (work / "bin" / "sqlite3").chmod(0o755)
+    broken = subprocess.run([DEPLOY / "backup.sh", server.data, work / "backup-3"], capture_output=True, text=True,
+                            env=dict(os.environ, PATH=f"{work / 'bin'}:{os.environ['PATH']}"))
+    check(broken.returncode != 0 and not list(work.glob("backup-3*")), "a back-up that fails leaves nothing")
     with open(work / "backup-1" / shard, "r+b") as file:
         file.seek(1000)
         byte = file.read(1)

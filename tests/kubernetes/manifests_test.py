@@ -210,9 +210,15 @@ class ManifestsTest(unittest.TestCase):
             def moved(text):
                 return text.replace("/var/lib/maneuver", f"{work}/data").replace("/published", f"{work}/published")
 
+            # What a killed publication leaves.
+            unfinished = work / "published" / "town" / ".unfinished-x"
+            unfinished.mkdir()
+            (unfinished / "model.json").write_text("{")
             (work / "data").mkdir()
             init = fleet.pod["spec"]["initContainers"][0]
             subprocess.run([moved(word) for word in init["command"]], check=True)
+            copied = sorted(path.name for path in (work / "data" / "models" / "town").iterdir())
+            self.assertEqual(copied, ["1", "2"])
             loopback = moved(fleet.configuration).replace("0.0.0.0:8470", "127.0.0.1:0").replace("0.0.0.0:9470", "none")
             (work / "maneuverd.conf").write_text(loopback.replace("shutdown-delay = 10", "shutdown-delay = 0"))
             ports = work / "ports"

@@ -255,6 +255,8 @@ def run(options, work, servers, cluster):
     check(script("backup.sh", data, work / "backup").returncode == 2, "a back-up needs both halves")
     expect_done(script("backup.sh", data, work / "backup", "--store", cluster.uri()))
     check(script("restore.sh", work / "backup", work / "restored").returncode == 2, "and so does restoring")
+    full = script("restore.sh", work / "backup", work / "restored", "--store", cluster.uri())
+    check(full.returncode == 1 and "--folder-only" in full.stderr, "nothing is restored over a database that is in use")
     expect_done(script("backup.sh", data, work / "small-backup", "--store", cluster.uri(), "--without-datasets"))
     check([has_row_of(work / folder, "town") for folder in ("backup", "small-backup")] == [True, False],
           "a back-up without datasets lists none")
@@ -273,6 +275,15 @@ def run(options, work, servers, cluster):
     check("libpq" in libraries, "this server has loaded libpq")
     linked = subprocess.run(["readelf", "--dynamic", options.maneuverd], capture_output=True, text=True, check=True)
     check("libpq" not in linked.stdout, "a server that does not need libpq does not load it")
+
+    # The folder is lost, the database is not: it keeps what it has.
+    server.stop()
+    expect_done(script("restore.sh", work / "backup", work / "anew", "--folder-only"))
+    anew = Server(options, work / "anew", "--store", cluster.uri())
+    servers.append(anew)
+    wait_for(anew.serves, "a server over the restored folder and its database serves")
+    for question in (*questions, ("job", "show", job)):
+        check(anew.json(*question) == other.json(*question), f"{question[0]} is the same with the restored folder")
     print(f"Moved, lost its database for {options.outage} s ({predictions} predictions meanwhile), backed up and restored")
 
 

@@ -232,6 +232,7 @@ class Predictions(prediction_service_pb2_grpc.PredictionServiceServicer):
         self.map_refusal = None
         self.has_read = threading.Event()  # all of a stream
         self.may_answer = threading.Event()  # the stream
+        self.waits = None  # an event that Predict waits for
 
     def StreamPredict(self, requests, context):
         ids = [request.request_id for request in requests]
@@ -243,6 +244,8 @@ class Predictions(prediction_service_pb2_grpc.PredictionServiceServicer):
     def Predict(self, request, context):
         self.requests.append(request)
         self.metadata.append(dict(context.invocation_metadata()))
+        if self.waits is not None:
+            self.waits.wait(10.0)
         answer = self.script.pop(0) if self.script else None
         if answer is not None:
             fail(context, *answer)
@@ -454,6 +457,32 @@ class CallsTest(unittest.TestCase):
         with self.assertRaises(maneuver.UnavailableError):
             self.client(retries=0).predict(SCENE)
         self.assertEqual(len(self.predictions.requests), 1)
+
+    def test_closing_the_client_cancels_a_call_of_another_thread(self):
+        self.predictions.waits = threading.Event()
+        self.addCleanup(self.predictions.waits.set)
+        client = self.client()
+        with concurrent.futures.ThreadPoolExecutor(1) as pool:
+            call = pool.submit(client.predict, SCENE)
+            while not self.predictions.requests:
+                time.sleep(0.001)
+            client.close()
+            with self.assertRaisesRegex(maneuver.CancelledError, "closed"):
+                call.result(10.0)
+
+    def test_closing_the_client_cancels_a_watch(self):
+        client = self.client()
+        watch = client.watch_job("jobs/a")
+        next(watch)
+        client.close()
+        with self.assertRaisesRegex(maneuver.CancelledError, "closed"):
+            list(watch)
+
+    def test_a_closed_client_makes_no_call(self):
+        client = self.client()
+        client.close()
+        with self.assertRaisesRegex(maneuver.CancelledError, "closed"):
+            client.predict(SCENE)
 
     def test_an_error_has_reason_metadata_fields_and_delay(self):
         delay = v1.RetryInfo()

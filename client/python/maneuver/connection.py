@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import threading
 from typing import Any, Callable, List, Optional, Tuple, TypeVar
 
 import grpc
@@ -51,21 +52,6 @@ class Deadlines:
     stream: float = 24 * 3600.0  # a stream of predictions, and the watching of a job
 
 
-def retriable(failure: grpc.RpcError) -> ManeuverError:
-    """Returns the error of a call that its caller did not cancel.
-
-    CANCELLED then means that the server was just stopping, or that a proxy lost its server
-    meanwhile: such a call may be made again. So may one whose answer ended without a status, because
-    a proxy lost its server in the middle of it: gRPC calls that UNKNOWN, "Stream removed".
-    """
-    error = from_rpc(failure)
-    has_no_status = error.code == grpc.StatusCode.UNKNOWN and error.message == "Stream removed"
-    if isinstance(error, CancelledError) or has_no_status:
-        return UnavailableError(grpc.StatusCode.UNAVAILABLE,
-                                "the call was broken off on its way or by the server")
-    return error
-
-
 class Connection:
     """A connection to one server, or to each of several. Thread-safe."""
 
@@ -76,6 +62,7 @@ class Connection:
         self.retries = retries
         self.on_retry = on_retry
         self.clock = clock
+        self._closed = threading.Event()
         parsed = parse_address(address)
         self.metadata = authorization(address, tls, token, token_file)
         self._credentials = channel_credentials(tls)
@@ -112,9 +99,30 @@ class Connection:
         return grpc.secure_channel(address.target, self._credentials, options)
 
     def close(self) -> None:
-        """Ends the connection and every call on it."""
+        """Ends the connection and every call on it: they raise CancelledError."""
+        self._closed.set()
         for channel in self._channels:
             channel.close()
+
+    def retriable(self, failure: grpc.RpcError) -> ManeuverError:
+        """Returns the error of a call that its caller did not cancel, but may have closed the client.
+
+        CANCELLED then means that the server was just stopping, or that a proxy lost its server
+        meanwhile: such a call may be made again. So may one whose answer ended without a status,
+        because a proxy lost its server in the middle of it: gRPC calls that UNKNOWN, "Stream removed".
+        """
+        if self._closed.is_set():
+            return self._closed_meanwhile()
+        error = from_rpc(failure)
+        has_no_status = error.code == grpc.StatusCode.UNKNOWN and error.message == "Stream removed"
+        if isinstance(error, CancelledError) or has_no_status:
+            return UnavailableError(grpc.StatusCode.UNAVAILABLE,
+                                    "the call was broken off on its way or by the server")
+        return error
+
+    @staticmethod
+    def _closed_meanwhile() -> CancelledError:
+        return CancelledError(grpc.StatusCode.CANCELLED, "the client was closed")
 
     def deadline(self, timeout: Optional[float], default: float) -> float:
         """Returns the time on the clock when a call has to be done.
@@ -127,7 +135,12 @@ class Connection:
         return self.clock.now() + seconds
 
     def left(self, deadline: float) -> float:
-        """Returns the seconds until then; raises DeadlineExceededError if it has passed."""
+        """Returns the seconds until then.
+
+        Raises DeadlineExceededError if it has passed, CancelledError if the client was closed.
+        """
+        if self._closed.is_set():
+            raise self._closed_meanwhile()
         seconds = deadline - self.clock.now()
         if seconds <= 0.0:
             raise DeadlineExceededError(grpc.StatusCode.DEADLINE_EXCEEDED,
@@ -155,7 +168,11 @@ class Connection:
             try:
                 return method(request, timeout=self.left(deadline), metadata=self.metadata)
             except grpc.RpcError as failure:
-                raise retriable(failure) from None
+                raise self.retriable(failure) from None
+            except ValueError:
+                if self._closed.is_set():  # in between: gRPC makes no call on a closed channel
+                    raise self._closed_meanwhile() from None
+                raise
 
         policy = self.retries
         if not repeatable:

@@ -13,7 +13,7 @@ from typing import Any, Callable, Iterator, List, Optional, Sequence, Union
 import grpc
 
 from maneuver import v1
-from maneuver.connection import Connection, retriable
+from maneuver.connection import Connection
 from maneuver.errors import DataLossError, InternalError, InvalidArgumentError, UnavailableError
 from maneuver.uploads import PATIENCE, OnUploaded, UploadProgress
 
@@ -127,7 +127,7 @@ class FileDownload:
                     return False
             self._receive(header, responses)
         except grpc.RpcError as failure:
-            raise retriable(failure) from None
+            raise self._connection.retriable(failure) from None
         finally:
             responses.cancel()
         self._commit(header)

@@ -8,7 +8,7 @@ from typing import Iterator, Optional
 import grpc
 
 from maneuver import v1
-from maneuver.connection import Connection, retriable
+from maneuver.connection import Connection
 from maneuver.errors import ManeuverError, UnavailableError
 from maneuver.retry import RetryPolicy, retry
 
@@ -75,7 +75,7 @@ class Watch:
                 error = UnavailableError(grpc.StatusCode.UNAVAILABLE,
                                          "the server stopped telling of the job")
             except grpc.RpcError as failure:
-                error = retriable(failure)
+                error = self._connection.retriable(failure)
             stood = self._connection.clock.now() - accepted >= STANDING
             # A server that refuses says why, which may take it a while; a broken stream says nothing.
             if stood and isinstance(error, UnavailableError) and not error.reason:
@@ -87,8 +87,7 @@ class Watch:
         return retry(policy, give_up, attempt, on_retry=self._connection.on_retry,
                      clock=self._connection.clock)
 
-    @staticmethod
-    def _next(stream: grpc.Call) -> Optional[v1.Job]:
+    def _next(self, stream: grpc.Call) -> Optional[v1.Job]:
         """Returns the next event; None if the stream broke and may be picked up."""
         try:
             event: v1.WatchJobResponse = next(stream)
@@ -96,7 +95,7 @@ class Watch:
         except StopIteration:
             return None
         except grpc.RpcError as failure:
-            error: ManeuverError = retriable(failure)
+            error: ManeuverError = self._connection.retriable(failure)
             if isinstance(error, UnavailableError):
                 return None
             raise error from None

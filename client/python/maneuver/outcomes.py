@@ -9,7 +9,7 @@ from typing import Any, Deque, Iterator, Optional, Union
 import grpc
 
 from maneuver import v1
-from maneuver.connection import Connection, retriable
+from maneuver.connection import Connection
 from maneuver.errors import (ManeuverError, ResourceExhaustedError, UnavailableError,
                              from_status)
 from maneuver.retry import backoff_after
@@ -92,7 +92,7 @@ def stream_reports(connection: Connection, reports: Iterator[v1.ReportOutcomesRe
                 try:
                     message = next(call)
                 except grpc.RpcError as failure:
-                    broken = retriable(failure)
+                    broken = connection.retriable(failure)
                     continue
                 except StopIteration:
                     broken = UnavailableError(grpc.StatusCode.UNAVAILABLE,

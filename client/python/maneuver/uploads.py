@@ -13,7 +13,7 @@ import grpc
 from google.protobuf import json_format
 
 from maneuver import v1
-from maneuver.connection import Connection, retriable
+from maneuver.connection import Connection
 from maneuver.errors import DataLossError, UnavailableError
 
 CHUNK_BYTES = 512 * 1024
@@ -114,7 +114,7 @@ class Upload(abc.ABC, Generic[_Committed]):
         except grpc.RpcError as failure:
             if broken:
                 raise broken[0] from None
-            raise retriable(failure) from None
+            raise self._connection.retriable(failure) from None
 
     def _chunks(self, arrived: Sequence[int]) -> Iterator[bytes]:
         there = sum(arrived)
