@@ -23,9 +23,6 @@
 namespace maneuver::rpc {
 namespace {
 
-// A character takes at most four bytes.
-constexpr size_t kMostIdBytes = 4 * static_cast<size_t>(scene::ScenarioLimits().max_scenario_id);
-
 using serving::PastAnswer;
 using serving::ScoredOutcome;
 
@@ -74,7 +71,7 @@ absl::Status CheckOutcome(const v1::Outcome& outcome, const std::string& path) {
       if (outcome.scenario_id().empty()) {
         return errors::InvalidField(absl::StrCat(path, ".scenario_id"), "is empty");
       }
-      if (outcome.scenario_id().size() > kMostIdBytes) {
+      if (outcome.scenario_id().size() > kMostScenarioIdBytes) {
         return errors::InvalidField(absl::StrCat(path, ".scenario_id"),
                                     "is longer than the id of any scenario");
       }
@@ -109,8 +106,10 @@ class OutcomeReport {
   absl::Status Score() {
     Begin();
     for (auto& [reference, group] : groups_) {
+      if (absl::Status status = Alive(); !status.ok()) return status;
       if (absl::Status status = Predict(reference, group); !status.ok()) return status;
     }
+    if (!unavailable_.ok()) return unavailable_;
     for (size_t i = 0; i < outcomes_.size(); ++i) {
       if (!outcomes_[i].status.ok()) continue;
       for (ReportedTarget& target : outcomes_[i].targets) {
@@ -178,6 +177,7 @@ class OutcomeReport {
       const std::optional<security::ModelReference>& reference) {
     auto model = context_.models.Find(reference);
     if (model.ok() && *model == nullptr) model = context_.models.Load(reference);
+    if (absl::IsUnavailable(model.status())) unavailable_.Update(model.status());
     return model;
   }
 
@@ -223,6 +223,7 @@ class OutcomeReport {
           outcome.model(), absl::StrCat(OutcomePath(index), ".model"));
       if (!reference.ok()) return reference.status();
       const auto resolved = context_.models.Resolve(*reference);
+      if (absl::IsUnavailable(resolved.status())) unavailable_.Update(resolved.status());
       if (!resolved.ok()) return resolved.status();
       version = *resolved;
     }
@@ -357,6 +358,7 @@ class OutcomeReport {
   const std::function<bool()>& cancelled_;
   std::vector<ReportedOutcome> outcomes_;     // of the request
   std::map<std::string, SceneGroup> groups_;  // by the model's name in the request
+  absl::Status unavailable_;                  // why a model cannot be found at the moment
 };
 
 }  // namespace

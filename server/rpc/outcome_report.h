@@ -25,7 +25,8 @@ int CountTargets(const v1::ReportOutcomesRequest& request);
 //
 // Outcomes and targets fail one by one: the response has their errors. The whole call fails if
 // nobody waits for it any more (CANCELLED, DEADLINE_EXCEEDED), the scheduler refuses it (errors of
-// BatchScheduler::Submit) or the collection cannot be written. Then no outcome is counted, and no
+// BatchScheduler::Submit), a model cannot be found or loaded at the moment (UNAVAILABLE), or the
+// collection cannot be written. Then no outcome is counted, and no
 // kept answer is removed.
 //   context: without past_answers, outcomes of kept answers fail with ANSWER_NOT_KEPT
 //   cancelled: returns whether the caller has gone; called often

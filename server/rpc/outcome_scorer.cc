@@ -15,7 +15,6 @@ namespace {
 
 // In memory, messages take about four times as much.
 constexpr int64_t kMostWaitingBytes = int64_t{128} << 20;
-constexpr size_t kMostRequestIdLength = 128;
 
 }  // namespace
 

@@ -4,6 +4,7 @@
 #include <grpcpp/server_context.h>
 
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 
@@ -22,6 +23,8 @@ namespace maneuver::rpc {
 // thread.
 class OutcomeScorer {
  public:
+  static constexpr size_t kMostRequestIdLength = 128;  // characters
+
   // All arguments must outlive the result.
   //   pool: has one thread; with more, a report that arrives twice at once would count twice
   //   storage: where outcomes are collected

@@ -15,8 +15,10 @@ namespace {
 
 constexpr char kStreamMethod[] = "/maneuver.v1.OutcomeService/StreamOutcomes";
 
-v1::StreamOutcomesResponse ErrorAnswer(const absl::Status& status) {
+// The answer to a report that is not scored, with its name.
+v1::StreamOutcomesResponse ErrorAnswer(const std::string& request_id, const absl::Status& status) {
   v1::StreamOutcomesResponse answer;
+  answer.set_request_id(request_id);
   *answer.mutable_error() = errors::ToProto(status);
   return answer;
 }
@@ -59,32 +61,43 @@ void OutcomeStream::OnReadDone(bool ok) {
   memory_ = scorer_.Reserve(static_cast<int64_t>(message_.Length()));
   const auto step = [this] { ScoreReport(); };
   if (memory_ == nullptr) {
-    Answer(ErrorAnswer(TooManyWait()));
+    Answer(ErrorAnswer(ReportId(), TooManyWait()));
   } else if (has_place_) {
     scorer_.pool().Continue(step);
   } else if (!scorer_.pool().Post(step)) {
-    Answer(ErrorAnswer(TooManyWait()));
+    Answer(ErrorAnswer(ReportId(), TooManyWait()));
   }
+}
+
+std::string OutcomeStream::ReportId() const {
+  return ReadReportId(message_, 4 * OutcomeScorer::kMostRequestIdLength);
+}
+
+absl::Status OutcomeStream::ParseReport(v1::StreamOutcomesRequest* request) {
+  absl::Status status = CheckDensity(*v1::StreamOutcomesRequest::descriptor(), message_);
+  if (!status.ok()) return status;
+  // Kept until it is parsed.
+  const auto room = scorer_.send_memory().AdmitRequest(static_cast<int64_t>(message_.Length()));
+  if (!room.ok()) return room.status();
+  if (!grpc::SerializationTraits<v1::StreamOutcomesRequest>::Deserialize(&message_, request).ok()) {
+    return errors::MalformedMessage();
+  }
+  return absl::OkStatus();
 }
 
 void OutcomeStream::ScoreReport() {
   has_place_ = true;
+  const std::string request_id = ReportId();
   v1::StreamOutcomesResponse answer;
   {
     v1::StreamOutcomesRequest request;
     absl::Status status = scorer_.access().Admit(kStreamMethod, caller_);
     if (status.ok()) status = scorer_.send_memory().CheckRoom();
-    if (status.ok()) status = CheckDensity(*v1::StreamOutcomesRequest::descriptor(), message_);
-    if (status.ok() &&
-        !grpc::SerializationTraits<v1::StreamOutcomesRequest>::Deserialize(&message_, &request)
-             .ok()) {
-      request.Clear();  // its request_id may be no UTF-8, which an answer cannot hold
-      status = errors::MalformedMessage();
-    }
+    if (status.ok()) status = ParseReport(&request);
     if (status.ok()) status = scorer_.Admit(caller_, request.report());
     if (status.ok()) status = scorer_.Score(*rpc_, request.report(), answer.mutable_response());
-    if (!status.ok()) answer = ErrorAnswer(status);
-    answer.set_request_id(request.report().request_id());
+    answer.set_request_id(request_id);
+    if (!status.ok()) answer = ErrorAnswer(request_id, status);
   }
   Answer(answer);
 }

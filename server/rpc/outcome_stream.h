@@ -9,6 +9,7 @@
 
 #include <atomic>
 #include <memory>
+#include <string>
 
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
@@ -42,6 +43,10 @@ class OutcomeStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grp
   // Called each time the token is found revoked. The first call ends the stream once no report is
   // being scored. The second call cancels the RPC of a caller that does not read.
   void OnRefused(const absl::Status& refusal);
+  // Returns the request_id of the report in message_; "" if it has none that is valid.
+  std::string ReportId() const;
+  // Parses message_, if the memory allows.
+  absl::Status ParseReport(v1::StreamOutcomesRequest* request);
   // Scores the report in message_. Runs on a thread of the scorer's pool.
   void ScoreReport();
   // Sends the answer: scores, or an error.

@@ -88,7 +88,9 @@ PredictStream::Step PredictStream::NextStep() {
       expected_bytes_ < kMaxExpectedBytes) {
     read_pending_ = true;
     reading_ = std::make_shared<Entry>();
-    step.read = &reading_->bytes;
+    // Begun under the lock: otherwise Drain or OnRefused, which do not wait for a pending read, could
+    // finish the stream before.
+    StartRead(&reading_->bytes);
   }
   if (writing_ == nullptr && !to_write_.empty()) {
     writing_ = std::move(to_write_.front());
@@ -108,7 +110,6 @@ PredictStream::Step PredictStream::NextStep() {
 }
 
 void PredictStream::Take(const Step& step) {
-  if (step.read != nullptr) StartRead(step.read);
   if (step.write != nullptr) StartWrite(step.write);
   // Nothing follows Finish, as OnDone may come then.
   if (step.finish) Finish(ToGrpcStatus(*step.finish));

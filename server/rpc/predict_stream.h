@@ -69,13 +69,13 @@ class PredictStream final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grp
   // Checks a request's outline, parses it and hands it to the scheduler.
   absl::Status Start(const std::shared_ptr<Entry>& entry);
   void Answered(std::shared_ptr<Entry> entry, const absl::Status& status);
-  // What the stream does next: any of reading, writing and finishing.
+  // What the stream does next: writing, finishing or neither.
   struct Step {
-    grpc::ByteBuffer* read = nullptr;
     const grpc::ByteBuffer* write = nullptr;
     std::optional<absl::Status> finish = {};
   };
-  // Returns what the state allows next. Call it under the same lock as the change of state.
+  // Begins to read if the state allows it, and returns what else it allows. Call it under the same
+  // lock as the change of state.
   Step NextStep() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   // Carries out a step. Call it without the lock, because gRPC may call back at once.
   void Take(const Step& step) ABSL_LOCKS_EXCLUDED(mutex_);

@@ -102,7 +102,10 @@ void WriteItems(const Scenarios& scenarios, const PredictionPlan& plan,
     const PlannedScenario& planned = plan.scenarios[static_cast<size_t>(s)];
     ScenarioProto* item = items->Add();
     item->set_scenario_index(s);
-    item->set_scenario_id(scenarios[s].scenario_id());
+    // A longer one is not valid, and could take any memory.
+    if (const std::string& id = scenarios[s].scenario_id(); id.size() <= kMostScenarioIdBytes) {
+      item->set_scenario_id(id);
+    }
     if (!planned.status.ok()) {
       *item->mutable_error() = errors::ToProto(planned.status);
       continue;

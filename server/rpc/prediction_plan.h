@@ -21,6 +21,11 @@
 
 namespace maneuver::rpc {
 
+// No scenario_id of a valid scene is longer: a character takes at most four bytes. Answers name only
+// such ids.
+inline constexpr size_t kMostScenarioIdBytes =
+    4 * static_cast<size_t>(scene::ScenarioLimits().max_scenario_id);
+
 using Scenarios = google::protobuf::RepeatedPtrField<v1::Scenario>;
 
 // Returns how many targets the scenarios name.

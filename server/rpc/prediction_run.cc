@@ -34,6 +34,8 @@ PredictionRun::PredictionRun(PredictionContext& context, const PredictionIo& io,
 }
 
 void PredictionRun::Finish(absl::Status status) {
+  // What is left to send is an error.
+  if (!status.ok()) memory_.ShrinkTo(0);
   // They may hold what keeps this run alive.
   const auto request = std::move(request_);
   const auto done = std::exchange(done_, nullptr);

@@ -9,6 +9,7 @@
 #include <unordered_map>
 
 #include "absl/strings/str_cat.h"
+#include "maneuver/v1/outcome_service.pb.h"
 #include "maneuver/v1/prediction_service.pb.h"
 #include "server/errors/error_details.h"
 #include "server/rpc/protobuf_internals.h"
@@ -161,6 +162,34 @@ size_t CountTargets(const grpc::ByteBuffer& request) {
     CountOfRequest(input, &targets);
   }
   return targets;
+}
+
+std::string ReadReportId(const grpc::ByteBuffer& message, size_t most) {
+  grpc::ByteBuffer shared(message);
+  grpc::ProtoBufferReader reader(&shared);
+  std::string id;
+  if (!reader.status().ok()) return id;
+  const auto read_report = [&id, most](CodedInputStream& input) {
+    while (const uint32_t tag = input.ReadTag()) {
+      if (tag != TagOf(v1::ReportOutcomesRequest::kRequestIdFieldNumber)) {
+        if (!SkipField(input, tag)) return;
+        continue;
+      }
+      id.clear();  // of several the last one counts
+      uint32_t length = 0;
+      if (!input.ReadVarint32(&length) || length > most) return;
+      if (!input.ReadString(&id, static_cast<int>(length))) return id.clear();
+    }
+  };
+  CodedInputStream input(&reader);
+  while (const uint32_t tag = input.ReadTag()) {
+    const bool read = tag == TagOf(v1::StreamOutcomesRequest::kReportFieldNumber)
+                          ? ReadInside(input, read_report)
+                          : SkipField(input, tag);
+    if (!read) break;
+  }
+  if (!IsUtf8(id)) id.clear();
+  return id;
 }
 
 std::optional<StreamOutline> ReadStreamOutline(const grpc::ByteBuffer& message) {

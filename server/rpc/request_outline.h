@@ -33,6 +33,10 @@ struct StreamOutline {
 // Errors inside `request` are left to the parser.
 std::optional<StreamOutline> ReadStreamOutline(const grpc::ByteBuffer& message);
 
+// Returns report.request_id of a StreamOutcomesRequest, or "" if it is longer than `most` bytes, not
+// UTF-8, or behind bytes that are not such a message. Does not read the outcomes.
+std::string ReadReportId(const grpc::ByteBuffer& message, size_t most);
+
 // Smaller messages cannot take much memory.
 inline constexpr int64_t kLeastCheckedDensity = int64_t{1} << 20;
 

@@ -216,11 +216,18 @@ void BatchScheduler::Answer(const TargetQueue::Item& item, TargetAnswer answer,
     const size_t set = SetOf(call, item.target);
     const bool last = call.joint_sets[set].unanswered.fetch_sub(1, std::memory_order_acq_rel) == 1;
     if (last && session != nullptr) Combine(call, set, *session);
+    if (last) CountAnswered(call, call.joint_sets[set].range);
   }
   if (call.unanswered.fetch_sub(1, std::memory_order_acq_rel) == 1) {
     // What `done` holds, perhaps the call itself, is let go with it.
     const auto done = std::exchange(call.done, nullptr);
     done(std::move(call.answers));
+  }
+}
+
+void BatchScheduler::CountAnswered(const PredictionCall& call, TargetRange range) {
+  for (size_t i = range.begin; i < range.end; ++i) {
+    if (call.answers[i].status.ok()) metrics_.answered.Increment();
   }
 }
 
@@ -319,7 +326,9 @@ absl::Status BatchScheduler::Describe(const TargetQueue::Item& item,
     }
     status = CheckAnswer(*answer);
   }
-  (status.ok() ? metrics_.answered : metrics_.unsound).Increment();
+  if (!status.ok()) metrics_.unsound.Increment();
+  // A target of a set is answered once the set is combined.
+  if (status.ok() && call.joint_sets.empty()) metrics_.answered.Increment();
   if (!status.ok()) LogUnsound(call, target, status);
   return status;
 }

@@ -86,6 +86,8 @@ class BatchScheduler {
   //   session: nullptr where the whole call fails
   void Answer(const TargetQueue::Item& item, TargetAnswer answer,
               inference::InferenceSession* session);
+  // Counts the targets of a set that have an answer, once all of them are through.
+  void CountAnswered(const PredictionCall& call, TargetRange range);
   // Combines the targets of a set (joint_answer.h).
   void Combine(PredictionCall& call, size_t set, inference::InferenceSession& session);
   void CountDead(const absl::Status& status, Passed passed, size_t targets);

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -22,6 +23,7 @@
 #include "model/data/example_index.h"
 #include "model/data/town/synthetic_town.h"
 #include "model/evaluation/evaluator.h"
+#include "model/files/errno_status.h"
 #include "model/scene/target_frame.h"
 #include "server/errors/error_details.h"
 #include "server/monitoring/prometheus_metrics.h"
@@ -104,10 +106,12 @@ class OutcomeReportTest : public ::testing::Test {
     versions_ = *std::move(versions);
     auto models = serving::ServingTable::Open(
         *versions_, aliases_,
-        [load](const fs::path&) -> absl::StatusOr<std::shared_ptr<const inference::ActionModel>> {
+        [this,
+         load](const fs::path&) -> absl::StatusOr<std::shared_ptr<const inference::ActionModel>> {
+          if (!folder_is_there_) return files::ErrnoStatus(EIO, "read", "weights.safetensors");
           return load();
         },
-        {}, monitoring::MetricRegistry::Null());
+        {.max_unaliased_in_memory = 0, .retry_load = {}}, monitoring::MetricRegistry::Null());
     ASSERT_TRUE(models.ok()) << models.status();
     models_ = *std::move(models);
     for (int version = 0; version < 2; ++version) {
@@ -174,6 +178,7 @@ class OutcomeReportTest : public ::testing::Test {
   }
 
   const TemporaryFolder folder_;
+  bool folder_is_there_ = true;
   const std::unique_ptr<monitoring::PrometheusMetrics> page_ =
       monitoring::PrometheusMetrics::Create();
   const std::unique_ptr<security::AccessControl> access_ =
@@ -437,6 +442,30 @@ TEST_F(OutcomeReportTest, ALateOrAbandonedReportCountsNothingAndKeepsItsAnswers)
   EXPECT_EQ(Counted("scored"), 0.0);
   EXPECT_TRUE(Report(request).ok());
   EXPECT_EQ(Counted("scored"), 1.0);
+}
+
+TEST_F(OutcomeReportTest, AnAbandonedReportOfASceneDoesNotRunTheNetworks) {
+  Serve([this] { return std::make_shared<serving::FakeActionModel>(networks_); });
+  v1::ReportOutcomesRequest request;
+  *request.add_outcomes() = outcomes_[3];
+  const int described = networks_.described();
+  EXPECT_TRUE(absl::IsCancelled(Report(request, serving::TimePoint::max(), /*cancelled=*/true)));
+  EXPECT_EQ(networks_.described(), described);
+}
+
+// The caller sends the report again; a server that remembered this answer would never score it.
+TEST_F(OutcomeReportTest, AReportFailsAsAWholeWhileItsModelCannotBeLoaded) {
+  v1::ReportOutcomesRequest request;
+  *request.add_outcomes() = outcomes_[3];
+  request.mutable_outcomes(0)->set_model("models/town/versions/2");
+  *request.add_outcomes() = outcomes_[4];
+  request.mutable_outcomes(1)->set_model("models/town/versions/1");
+  folder_is_there_ = false;
+  EXPECT_TRUE(absl::IsUnavailable(Report(request)));
+  EXPECT_EQ(Counted("failed"), 0.0);
+  folder_is_there_ = true;
+  ASSERT_TRUE(Report(request).ok());
+  EXPECT_EQ(Counted("scored"), 2.0);
 }
 
 // The fake model's covariances are 0, so its likelihoods are not finite.

@@ -2,6 +2,8 @@
 
 #include <gmock/gmock.h>
 
+#include <atomic>
+#include <cstdint>
 #include <future>
 #include <memory>
 #include <string>
@@ -24,7 +26,7 @@ class OutcomeServiceTest : public ServerTest {
   void Start(size_t most_waiting, const security::AccessOptions& access = {}) {
     outcome_access_ = *security::AccessControl::Create(access, *metrics_);
     outcome_context_ = std::make_unique<PredictionContext>(PredictionContext{
-        *models_, *scheduler_, maps_, send_memory_, *disk_, {}, *outcome_access_});
+        *models_, *scheduler_, maps_, outcome_memory_, *disk_, {}, *outcome_access_});
     scoring_ = std::make_unique<WorkerPool>(1, most_waiting);
     outcomes_ = std::make_unique<OutcomeService>(*outcome_context_, outcome_metrics_, *scoring_);
     auto server = Server::Start({"127.0.0.1", 0},
@@ -55,11 +57,11 @@ class OutcomeServiceTest : public ServerTest {
     return outcome_stub_->ReportOutcomes(&context, UnknownAnswer(request_id), response);
   }
   // Sends a report twice on one stream, and returns both answers.
-  std::vector<v1::StreamOutcomesResponse> ReportTwiceOnAStream() {
+  std::vector<v1::StreamOutcomesResponse> ReportTwiceOnAStream(const std::string& request_id = "") {
     grpc::ClientContext context;
     const auto stream = outcome_stub_->StreamOutcomes(&context);
     v1::StreamOutcomesRequest request;
-    *request.mutable_report() = UnknownAnswer();
+    *request.mutable_report() = UnknownAnswer(request_id);
     std::vector<v1::StreamOutcomesResponse> answers(2);
     for (v1::StreamOutcomesResponse& answer : answers) {
       EXPECT_TRUE(stream->Write(request));
@@ -76,6 +78,10 @@ class OutcomeServiceTest : public ServerTest {
     return std::stod(page.substr(page.find(name) + name.size()));
   }
 
+  std::atomic<int64_t> used_ = 0;  // of 1000 bytes
+  serving::MemoryBudget budget_{1000, [this] { return used_.load(); }, [] {}, *metrics_};
+  serving::SendMemory outcome_memory_{
+      {.max_response_bytes = 1 << 20, .max_send_memory = 8 << 20}, *metrics_, &budget_};
   std::unique_ptr<security::AccessControl> outcome_access_;
   std::unique_ptr<PredictionContext> outcome_context_;
   serving::OutcomeMetrics outcome_metrics_{*metrics_};
@@ -106,7 +112,7 @@ TEST_F(OutcomeServiceTest, UnreadAnswersRefuseReportsWithoutCountingThem) {
   Start(1);
   v1::ReportOutcomesResponse response;
   {
-    const serving::SendMemory::Share unread = send_memory_.Take(8 << 20);
+    const serving::SendMemory::Share unread = outcome_memory_.Take(8 << 20);
     EXPECT_EQ(Reason(Report(&response)), "SEND_MEMORY_FULL");
     for (const v1::StreamOutcomesResponse& answer : ReportTwiceOnAStream()) {
       EXPECT_EQ(answer.error().code(), static_cast<int>(grpc::StatusCode::RESOURCE_EXHAUSTED));
@@ -235,9 +241,32 @@ TEST_F(OutcomeServiceTest, AStreamRefusesWhatIsNoReportAndGoesOn) {
 
 TEST_F(OutcomeServiceTest, AStreamRefusesReportsWhenTooManyWaitAndGoesOn) {
   Start(0);
-  for (const v1::StreamOutcomesResponse& answer : ReportTwiceOnAStream()) {
+  for (const v1::StreamOutcomesResponse& answer : ReportTwiceOnAStream("a")) {
     EXPECT_EQ(answer.error().code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
+    EXPECT_EQ(answer.request_id(), "a");
   }
+}
+
+TEST_F(OutcomeServiceTest, AStreamRefusesReportsWhileTheMemoryIsNearlyFull) {
+  Start(1);
+  grpc::ClientContext context;
+  const auto stream = outcome_stub_->StreamOutcomes(&context);
+  const auto report = [&](v1::StreamOutcomesResponse* answer) {
+    v1::StreamOutcomesRequest request;
+    *request.mutable_report() = UnknownAnswer("a");
+    ASSERT_TRUE(stream->Write(request));
+    ASSERT_TRUE(stream->Read(answer));
+  };
+  v1::StreamOutcomesResponse answer;
+  report(&answer);
+  EXPECT_TRUE(answer.has_response());
+  used_ = 900;
+  budget_.Look();
+  report(&answer);
+  EXPECT_EQ(errors::ReasonOf(errors::FromProto(answer.error())), "MEMORY_FULL");
+  EXPECT_EQ(answer.request_id(), "a");
+  stream->WritesDone();
+  EXPECT_TRUE(stream->Finish().ok());
 }
 
 TEST_F(OutcomeServiceTest, EachReportOfAStreamCountsAgainstTheCallersLimit) {

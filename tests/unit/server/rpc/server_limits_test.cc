@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 
 #include <atomic>
+#include <chrono>
 #include <list>
 #include <stop_token>
 #include <thread>
@@ -12,6 +13,7 @@
 #include "server/errors/error_details.h"
 #include "server/rpc/message_gate.h"
 #include "server/rpc/open_connections.h"
+#include "server/rpc/predict_stream.h"
 #include "server/security/identities.h"
 #include "server/security/secret_file.h"
 #include "tests/integration/raw_http2.h"
@@ -306,6 +308,29 @@ TEST_F(ServerTest, RefusesARequestWhoseAnswerCouldBeTooLarge) {
   EXPECT_EQ(networks_.described(), described);
   request.mutable_scenarios()->DeleteSubrange(10, 40);
   EXPECT_TRUE(Predict(request, &response).ok());
+}
+
+TEST_F(ServerTest, DoesNotEchoAnIdThatNoSceneMayHave) {
+  Publish();
+  v1::PredictRequest request = OneScene();
+  request.mutable_scenarios(0)->set_scenario_id(std::string(2 << 20, 'x'));
+  v1::PredictResponse response;
+  ASSERT_TRUE(Predict(request, &response).ok());
+  EXPECT_EQ(response.predictions(0).error().code(), 3);
+  EXPECT_LT(response.ByteSizeLong(), 4096u);
+}
+
+TEST_F(ServerTest, ARequestThatFailsKeepsNoMemoryForItsAnswer) {
+  Publish();
+  const v1::PredictRequest request = OneScene();
+  v1::PredictResponse response;
+  absl::Status end;
+  const auto past = std::chrono::steady_clock::now() - std::chrono::seconds(1);
+  const auto run = PredictionRun::Start(*context_, PredictIo(request, &response), past, nullptr,
+                                        [&end](absl::Status status) { end = std::move(status); });
+  EXPECT_TRUE(absl::IsDeadlineExceeded(end)) << end;
+  EXPECT_GT(run->answer_bytes(), 0);  // what was reserved
+  EXPECT_EQ(SendMemory(), 0.0);
 }
 
 TEST_F(ServerTest, AnAnswerReleasesItsMemoryOnceItIsRead) {

@@ -551,15 +551,23 @@ TEST_F(ServerTest, AnInvalidAnswerFailsOnlyItsTarget) {
 // Actions that only a combination names are described later than the others.
 TEST_F(ServerTest, AnInvalidActionOfACombinationFailsItsTarget) {
   Publish();
+  const auto counted = [this](const std::string& outcome) {
+    const std::string page = metrics_->Page();
+    const std::string name = "maneuver_targets_total{outcome=\"" + outcome + "\"} ";
+    return std::stod(page.substr(page.find(name) + name.size()));
+  };
   networks_.unsound_action = 2;
   v1::PredictRequest request = OneScene();
   request.mutable_query()->set_top_k(1);
   v1::PredictResponse response;
   ASSERT_TRUE(Predict(request, &response).ok());
   EXPECT_FALSE(response.predictions(0).targets(0).has_error());
+  EXPECT_EQ(counted("answered"), 1.0);
   request.mutable_query()->set_joint_combinations(2);
   ASSERT_TRUE(Predict(request, &response).ok());
   EXPECT_EQ(response.predictions(0).targets(0).error().code(), 13);
+  EXPECT_EQ(counted("answered"), 1.0);
+  EXPECT_EQ(counted("unsound"), 1.0);
   EXPECT_EQ(response.predictions(0).targets(0).distributions_size(), 0);
 }
 

@@ -154,6 +154,7 @@ class ExpiryTest : public AccessControlTest {
   void SetUp() override {
     AccessControlTest::SetUp();
     Write(*TokenLine("guest", Predict(), "first", now_ + absl::Minutes(1)));
+    options_.targets_per_second = 1000.0;
     auto access = AccessControl::Create(options_, *metrics_, [this] { return now_; });
     ASSERT_TRUE(access.ok()) << access.status();
     access_ = *std::move(access);
@@ -176,7 +177,7 @@ TEST_F(ExpiryTest, RefusesATokenThatHasExpired) {
   EXPECT_EQ(access_->NameOf(Bearer("first")), "guest");
   now_ += absl::Seconds(1);
   EXPECT_FALSE(access_->Admit(kPredict, Bearer("first")).ok());
-  EXPECT_FALSE(access_->AdmitTargets(Bearer("first"), 1).ok() && access_->limits_targets());
+  EXPECT_EQ(errors::ReasonOf(access_->AdmitTargets(Bearer("first"), 1)), "TOKEN_UNKNOWN");
   EXPECT_EQ(access_->NameOf(Bearer("first")), "");
 }
 
