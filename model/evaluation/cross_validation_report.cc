@@ -110,7 +110,7 @@ std::map<std::string, v1::ModelRange> RangesOf(std::span<const SetRun> runs, siz
   for (const SetRun& run : runs) {
     const auto weight = static_cast<double>(run.set->examples_size());
     for (const auto& [name, value] : run.set->set_metrics()) {
-      if (name == "calibration_error") continue;  // has an interval
+      if (name == "calibration_error") continue;  // Fill bootstraps it
       Sum& sum = sums[name];
       sum.values.resize(seeds);
       sum.weights.resize(seeds);

@@ -40,7 +40,7 @@ std::string LabelOf(const std::string& name) {
 
 // Returns whether the table of all examples shows a metric. It shows the model's metrics of the
 // most probable action and of the best six, and the average and final displacement of its rivals.
-bool IsMain(const std::string& name) {
+bool IsInTableOfAllExamples(const std::string& name) {
   const std::optional<MetricInfo> metric = FindMetric(name);
   if (!metric) return true;
   if (name.find("waymo") != name.npos || name.find("nuscenes") != name.npos) return false;
@@ -74,7 +74,7 @@ std::vector<std::string> Sorted(const google::protobuf::Map<std::string, Value>&
 Block MainMetrics(const v1::CrossValidatedSet& set) {
   Block block("ALL EXAMPLES", {"VALUE", "95 % INTERVAL", "OF EACH SEED"});
   for (const std::string& name : Sorted(set.overall().metrics())) {
-    if (!IsMain(name)) continue;
+    if (!IsInTableOfAllExamples(name)) continue;
     const v1::Estimate& estimate = set.overall().metrics().at(name);
     block.Add(LabelOf(name),
               {Number(estimate.value()), IntervalText(estimate), SeedText(estimate.seed_values())});

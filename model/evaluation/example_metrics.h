@@ -1,5 +1,5 @@
-// The metrics that are means over examples, by name. Reports and cross-validation average them. Add
-// a new one here and in metric_table.h.
+// The metrics that are means over examples, by name. Reports and cross-validation average them.
+// CONTRIBUTING.md, "Add a metric", has where a new one is named.
 
 #ifndef MANEUVER_MODEL_EVALUATION_EXAMPLE_METRICS_H_
 #define MANEUVER_MODEL_EVALUATION_EXAMPLE_METRICS_H_

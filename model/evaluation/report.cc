@@ -21,14 +21,14 @@ void SetRatios(Metrics& metrics) {
 }
 
 // The metrics of each stratum, besides the calibration error.
-constexpr std::array<std::string_view, 20> kMainMetrics = {
+constexpr std::array<std::string_view, 20> kStoredPerStratum = {
     "ade_1",     "fde_1",       "ade_medoid",      "fde_medoid",      "min_ade_6",
     "min_fde_6", "miss_rate_6", "min_ade_cover_6", "min_fde_cover_6", "miss_rate_cover_6",
     "ade_cv",    "fde_cv",      "ade_ctra",        "fde_ctra",        "ade_faded",
     "fde_faded", "nll",         "nll_prior",       "coverage_1sigma", "coverage_2sigma"};
 
-bool IsMain(std::string_view metric) {
-  return std::ranges::find(kMainMetrics, metric) != kMainMetrics.end();
+bool IsStoredPerStratum(std::string_view metric) {
+  return std::ranges::find(kStoredPerStratum, metric) != kStoredPerStratum.end();
 }
 
 void AddReliability(const ActionStatistics& statistics, v1::EvaluationReport& report) {
@@ -97,7 +97,7 @@ void ReportSums::AddStrata(v1::EvaluationReport& report) const {
       if (part.examples == 0) continue;
       Metrics& metrics = *stratum.mutable_metrics();
       for (size_t k = 0; k < metrics_.size(); ++k) {
-        if (!IsMain(metrics_[k].name)) continue;
+        if (!IsStoredPerStratum(metrics_[k].name)) continue;
         metrics[metrics_[k].name] = part.sums[k] / static_cast<double>(part.examples);
       }
       metrics["calibration_error"] = part.statistics.ExpectedCalibrationError();

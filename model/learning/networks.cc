@@ -10,6 +10,7 @@
 #include "model/learning/autograd/batch_norm_relu.h"
 #include "model/learning/autograd/raster_convolution.h"
 #include "model/learning/trajectory_basis.h"
+#include "model/scene/lane_path_inputs.h"
 
 namespace maneuver::learning {
 namespace {
@@ -54,10 +55,11 @@ struct InputRange {
 // vehicles (agent_inputs.h). A weight of a number that is always 0 gets no gradient. Random ones
 // would act on scenes that have the thing, and nothing would have been learned about it. (Numbers 78
 // and 82, distances, are 100 m where there is nothing: their weights learn as biases do.)
-constexpr InputRange kMayBeMissing[] = {{"lane_path.0.weight", 68, 68},
-                                        {"lane_path.0.weight", 74, 83},
-                                        {"action_geometry.pair.weight", 16, 17},
-                                        {"agent.0.weight", 17, 18}};
+constexpr InputRange kMayBeMissing[] = {
+    {"lane_path.0.weight", scene::LanePathRow::kSpeedLimit, scene::LanePathRow::kSpeedLimit},
+    {"lane_path.0.weight", scene::LanePathRow::kSignal, scene::kLanePathInputs - 1},
+    {"action_geometry.pair.weight", 16, 17},
+    {"agent.0.weight", 17, 18}};
 
 // Layers whose inputs are numbers of all kinds and whose outputs are summed.
 bool ReadsVectors(const std::string& name) {

@@ -7,10 +7,17 @@
 namespace maneuver::scene {
 namespace {
 
-constexpr int kPathPoints = 13;
-// Arc lengths of a path's points, metres: 0 for the foot, then those of lane_paths.h.
-constexpr std::array<float, kPathPoints + 1> kArcLengths = {
-    0.0f, 2.5f, 5.0f, 7.5f, 10.0f, 15.0f, 20.0f, 25.0f, 30.0f, 40.0f, 50.0f, 65.0f, 80.0f, 100.0f};
+constexpr int kPathPoints = static_cast<int>(kLanePathDistances.size());
+// Arc lengths of a path's points, metres: 0 for the foot, then the others.
+constexpr auto kArcLengths = [] {
+  std::array<float, kPathPoints + 1> lengths{};
+  for (int i = 0; i < kPathPoints; ++i) {
+    lengths[i + 1] = static_cast<float>(kLanePathDistances[i]);
+  }
+  return lengths;
+}();
+constexpr float kGapScale = static_cast<float>(LanePathRow::kGapScale);
+constexpr float kSpeedScale = static_cast<float>(LanePathRow::kSpeedScale);
 constexpr float kLeastScale = 5.0f;  // points are divided by at least this, metres
 constexpr float kBeyond = 1000.0f;   // how far the first and last segment extend, metres
 constexpr float kShortest = 1e-3f;   // shorter segments have no direction of their own, metres
@@ -18,21 +25,6 @@ constexpr float kShortest = 1e-3f;   // shorter segments have no direction of th
 constexpr float kMarginShare = 1e-4f;
 constexpr float kLeastMargin = 1e-5f;  // square metres
 constexpr float kSlowest = 0.5f;       // below this an action has no direction, m/s
-
-// Indices into the numbers of a lane path.
-enum PathNumber {
-  kFirstCosine = 26,  // of the path's heading at its first point
-  kFirstSine = 39,
-  kOffset = 62,
-  kHeadingSine = 63,  // of the target's heading relative to the path's at the foot
-  kHeadingCosine = 64,
-  kLengthLeft = 65,
-  kHasLeader = 69,
-  kLeaderGap = 70,
-  kLeaderSpeed = 71,
-  kHasStopLine = 81,
-  kStopLineDistance = 82,
-};
 
 // A piece of a path: points start + a * direction, a from `least` to `most`.
 struct Segment {
@@ -47,11 +39,12 @@ using Polyline = std::array<Segment, kPathPoints>;
 std::array<float, 2> FindFoot(const float* path, int inputs_version) {
   if (inputs_version < 2) {
     // Heading of the path at the foot, relative to the target's.
-    const float heading = -std::asin(std::clamp(path[kHeadingSine], -1.0f, 1.0f));
-    return {path[kOffset] * std::sin(heading), -path[kOffset] * std::cos(heading)};
+    const float heading = -std::asin(std::clamp(path[LanePathRow::kHeadingSine], -1.0f, 1.0f));
+    return {path[LanePathRow::kOffset] * std::sin(heading),
+            -path[LanePathRow::kOffset] * std::cos(heading)};
   }
-  const float x = path[kHeadingCosine] + path[kFirstCosine];
-  const float y = path[kFirstSine] - path[kHeadingSine];
+  const float x = path[LanePathRow::kHeadingCosine] + path[LanePathRow::kCosines];
+  const float y = path[LanePathRow::kSines] - path[LanePathRow::kHeadingSine];
   const float back = kArcLengths[1] / std::max(std::sqrt(x * x + y * y), kShortest);
   return {path[0] * kLeastScale - back * x, path[1] * kLeastScale - back * y};
 }
@@ -178,19 +171,20 @@ void WritePair(const Points& points, const Polyline& polyline, const Projections
   pair[9] = segment.direction_x * points.direction_x[last] +
             segment.direction_y * points.direction_y[last];
   pair[10] = nearest.arc_length[last] / 50.0f;
-  pair[11] = path[kLengthLeft] - pair[10];
-  const bool leader = path[kHasLeader] > 0.5f;
+  pair[11] = path[LanePathRow::kLengthLeft] - pair[10];
+  const bool leader = path[LanePathRow::kHasLeader] > 0.5f;
   for (int t = 0; t < kGeometryTimes; ++t) {
-    const float gap = path[kLeaderGap] * 30.0f +
-                      path[kLeaderSpeed] * 10.0f * static_cast<float>(waypoints.times[t]) -
-                      nearest.arc_length[first + t];
+    const float gap =
+        path[LanePathRow::kLeaderGap] * kGapScale +
+        path[LanePathRow::kLeaderSpeed] * kSpeedScale * static_cast<float>(waypoints.times[t]) -
+        nearest.arc_length[first + t];
     pair[12 + t] = leader ? std::clamp(gap / 10.0f, -2.0f, 3.0f) : 0.0f;
   }
   pair[15] = leader ? 1.0f : 0.0f;
-  const bool stop_line = path[kHasStopLine] > 0.5f;
-  const float stop = path[kStopLineDistance] * 30.0f;
-  pair[16] = stop_line ? std::clamp((stop - nearest.arc_length[first]) / 10.0f, -2.0f, 2.0f) : 0.0f;
-  pair[17] = stop_line ? std::clamp((stop - nearest.arc_length[last]) / 10.0f, -2.0f, 2.0f) : 0.0f;
+  const bool stop_sign = path[LanePathRow::kHasStopSign] > 0.5f;
+  const float stop = path[LanePathRow::kStopSignDistance] * kGapScale;
+  pair[16] = stop_sign ? std::clamp((stop - nearest.arc_length[first]) / 10.0f, -2.0f, 2.0f) : 0.0f;
+  pair[17] = stop_sign ? std::clamp((stop - nearest.arc_length[last]) / 10.0f, -2.0f, 2.0f) : 0.0f;
 }
 
 // Writes the kActionNumbers of an action.

@@ -67,8 +67,8 @@ struct ActionPoints {
 //     12-14  (the gap to the leader, plus what it drives until each of the three times at its
 //            present speed, minus s) / 10 m, clamped to -2 .. 3; 0 without a leader
 //     15     1 with a leader, else 0
-//     16-17  (arc length of the stop line minus s) / 10 m at the first and last time, clamped to
-//            -2 .. 2; 0 without a stop line
+//     16-17  (arc length of the stop sign minus s) / 10 m at the first and last time, clamped to
+//            -2 .. 2; 0 without a stop sign
 //   actions [K, 13]:
 //     0-1    last position / (50 m, 20 m)        2-3    first position / (20 m, 10 m)
 //     4-6    speeds / 15 m/s                     7-10   d at the second and last time

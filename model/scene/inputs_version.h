@@ -7,7 +7,9 @@
 //   - which of several lane paths that lead the same way count: lane_paths.h
 //   - the direction of a lane that begins or ends near the target: action_geometry.h
 //
-// 0 means 1.
+// 0 means 1. Versions are of rules, not of sizes: with another kLanePathInputs, kAgentInputs,
+// kHistoryInputs, kPairNumbers or kActionNumbers no stored model that reads these numbers loads
+// (CONTRIBUTING.md, "Add a number that the networks read").
 
 #ifndef MANEUVER_MODEL_SCENE_INPUTS_VERSION_H_
 #define MANEUVER_MODEL_SCENE_INPUTS_VERSION_H_

@@ -22,7 +22,7 @@ constexpr size_t kMostStarts = 6;
 constexpr int kMostBranches = 5;         // paths of a start
 constexpr int kMostWaysOn = 4;           // successors of a lane that are followed
 constexpr size_t kMostExtensions = 128;  // of the paths of a start
-constexpr double kSamePath = 1.5;        // metres, between points of the same number
+constexpr double kSamePath = 1.5;        // metres, to an earlier path's lines; version 1: points
 constexpr double kBehind = 1.0;          // metres; agents and signs are searched from this far
 constexpr double kAhead = 80.0;          // behind the foot to this far ahead of it
 constexpr double kLeaderDistance = 1.8;  // metres, from the path
@@ -30,10 +30,11 @@ constexpr double kLeaderAhead = 1.5;     // metres, from the foot along the path
 constexpr double kSignDistance = 7.0;    // metres, from the path
 constexpr double kSignalBehind = 3.0;    // metres, from the foot along the path
 constexpr double kAsNear = 1e-9;         // square metres; rounding at the corners of a lane
-constexpr double kNobody = 100.0;        // metres; the distance that is written for an absent thing
-constexpr double kMostSpeed = 100.0;     // metres per second
-constexpr int kLookAheads = 5;           // seconds
-constexpr double kNear = kStartDistance + kAhead + kSignDistance + 1.0;  // metres
+constexpr double kAbsentDistance =
+    100.0;                            // metres; the distance that is written for an absent thing
+constexpr double kMostSpeed = 100.0;  // metres per second
+constexpr int kLookAheads = 5;        // seconds
+constexpr double kLookAroundRadius = kStartDistance + kAhead + kSignDistance + 1.0;  // metres
 
 // A direction in the world.
 struct Heading {
@@ -342,13 +343,13 @@ struct Leader {
 struct SignalAhead {
   bool exists = false;
   v1::TrafficSignalState state = v1::TRAFFIC_SIGNAL_STATE_UNSPECIFIED;
-  double distance = kNobody;  // recorded world, from the foot
+  double distance = kAbsentDistance;  // recorded world, from the foot
   size_t leg = 0;
 };
 
 struct SignAhead {
   const Point2* place = nullptr;
-  double distance = kNobody;  // recorded world, from the foot
+  double distance = kAbsentDistance;  // recorded world, from the foot
 };
 
 // Writes numbers one after the other.
@@ -518,7 +519,7 @@ class LanePathFinder::Search {
   void LookAround(const v1::Scenario& scenario, const LaneGraph& graph, double time,
                   int64_t target_id, const Pose2& X_WT, double scale) {
     scale_ = scale;
-    const double reach = kNear / scale;
+    const double reach = kLookAroundRadius / scale;
     const Box near{X_WT.x() - reach, X_WT.y() - reach, X_WT.x() + reach, X_WT.y() + reach};
     const auto is_near = [&near](double x, double y) {
       return x >= near.low_x && x <= near.high_x && y >= near.low_y && y <= near.high_y;
@@ -622,15 +623,19 @@ class LanePathFinder::Search {
     }
     for (const Heading& heading : headings_) row.Add(heading.cosine);
     for (const Heading& heading : headings_) row.Add(heading.sine);
+    assert(row.end() == values + LanePathRow::kLookAhead);
     WriteLookAhead(std::max(speed, 0.0), projection, &row);
+    assert(row.end() == values + LanePathRow::kOffset);
     WriteStart(start, path == 0, projection, &row);
+    assert(row.end() == values + LanePathRow::kHasLeader);
     WriteLeader(speed, &row);
+    assert(row.end() == values + LanePathRow::kSignal);
     WriteSignal(&row);
+    assert(row.end() == values + LanePathRow::kHasStopSign);
     WriteStopSign(&row);
     assert(row.end() == values + kLanePathInputs);
   }
 
-  // Writes numbers 52 to 61.
   void WriteLookAhead(double speed, const Projection& projection, Row* row) const {
     Track::Reader reader(track_);
     for (int second = 1; second <= kLookAheads; ++second) {
@@ -641,7 +646,6 @@ class LanePathFinder::Search {
     }
   }
 
-  // Writes numbers 62 to 68.
   void WriteStart(const Start& start, bool is_first, const Projection& projection, Row* row) const {
     // The heading of the lane relative to the target's; the other way round, its sine changes sign.
     const Heading heading = projection(start.heading);
@@ -654,11 +658,11 @@ class LanePathFinder::Search {
     row->Add(scale_ * LimitedSpeed(track_.lane(0).speed_limit) / 15.0);
   }
 
-  // Writes numbers 69 to 73.
   void WriteLeader(double speed, Row* row) const {
     const Leader leader = FindLeader();
     if (leader.agent == nullptr) {
-      for (const double value : {0.0, kNobody / 30.0, 0.0, 0.0, 0.0}) row->Add(value);
+      for (const double value : {0.0, kAbsentDistance / LanePathRow::kGapScale, 0.0, 0.0, 0.0})
+        row->Add(value);
       return;
     }
     const Other& agent = *leader.agent;
@@ -668,13 +672,12 @@ class LanePathFinder::Search {
     const double along =
         LimitedSpeed(agent.velocity_x * heading.cosine + agent.velocity_y * heading.sine);
     row->Add(1.0);
-    row->Add(gap / 30.0);
-    row->Add(scale_ * along / 10.0);
-    row->Add(scale_ * (along - speed) / 10.0);
+    row->Add(gap / LanePathRow::kGapScale);
+    row->Add(scale_ * along / LanePathRow::kSpeedScale);
+    row->Add(scale_ * (along - speed) / LanePathRow::kSpeedScale);
     row->Add(std::exp(-std::max(gap, 0.0) / 15.0));
   }
 
-  // Writes numbers 74 to 80.
   void WriteSignal(Row* row) const {
     const SignalAhead signal = FindSignal();
     for (const v1::TrafficSignalState state :
@@ -682,19 +685,18 @@ class LanePathFinder::Search {
           v1::TRAFFIC_SIGNAL_STATE_CAUTION, v1::TRAFFIC_SIGNAL_STATE_GO}) {
       row->Add(signal.exists && signal.state == state ? 1.0 : 0.0);
     }
-    const double distance = signal.exists ? scale_ * signal.distance : kNobody;
+    const double distance = signal.exists ? scale_ * signal.distance : kAbsentDistance;
     const double closeness = std::exp(-std::max(distance, 0.0) / 15.0);
-    row->Add(distance / 30.0);
+    row->Add(distance / LanePathRow::kGapScale);
     row->Add(signal.state == v1::TRAFFIC_SIGNAL_STATE_STOP ? closeness : 0.0);
     row->Add(signal.state == v1::TRAFFIC_SIGNAL_STATE_CAUTION ? closeness : 0.0);
   }
 
-  // Writes numbers 81 to 83.
   void WriteStopSign(Row* row) const {
     const SignAhead sign = FindStopSign();
-    const double distance = sign.place != nullptr ? scale_ * sign.distance : kNobody;
+    const double distance = sign.place != nullptr ? scale_ * sign.distance : kAbsentDistance;
     row->Add(sign.place != nullptr ? 1.0 : 0.0);
-    row->Add(distance / 30.0);
+    row->Add(distance / LanePathRow::kGapScale);
     row->Add(sign.place != nullptr ? std::exp(-std::abs(distance) / 10.0) : 0.0);
   }
 

@@ -102,9 +102,6 @@
 
 namespace maneuver::scene {
 
-// Arc lengths from the foot at which paths are described, metres.
-inline constexpr std::array<double, 13> kLanePathDistances = {
-    2.5, 5.0, 7.5, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 50.0, 65.0, 80.0, 100.0};
 // How old an agent's state may be, seconds.
 inline constexpr double kLanePathTolerance = 0.05;
 
