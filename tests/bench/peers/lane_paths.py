@@ -1,4 +1,4 @@
-"""Lane paths in NumPy: the 84 numbers a path that model/scene/lane_paths.h defines.
+"""Lane paths in NumPy: the 84 numbers a path that model/scene/lane_paths.h defines, by version 2 of the inputs.
 
 All targets of a scene are searched together. Python loops over lanes, starts and paths alone; what
 is done for each point, segment or agent is done for whole arrays. A map's lanes are indexed once
@@ -187,6 +187,20 @@ def boxes(points, first, last):
     )
 
 
+def squared_distances(points, paths):
+    """From each of the points [n, P, 2] to the lines of each path [n, P, 2], whose first and last
+    have no end: [n, n, P]."""
+    step = np.diff(paths, axis=1)
+    squared = (step * step).sum(2)
+    least, most = np.zeros(squared.shape[1]), np.ones(squared.shape[1])
+    least[0], most[-1] = -np.inf, np.inf
+    off = points[:, None, :, None] - paths[:, None, :-1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.clip((off * step[:, None]).sum(4) / squared[:, None], least, most)
+    off = off - share[..., None] * step[:, None]
+    return np.where(squared[:, None] > 0, (off * off).sum(4), np.inf).min(3)
+
+
 def find_starts(graph, poses):
     """For each target, up to six of (cost, lane, foot, offset, heading), the cheapest first.
 
@@ -314,8 +328,7 @@ class Paths:
         for owner in range(len(counts)):
             end = bisect_right(self.owner, owner)
             own = points[begin:end]
-            off = own[:, None] - own
-            same = ((off * off).sum(3) < SAME_PATH**2).all(2).tolist()
+            same = (squared_distances(own, own) < SAME_PATH**2).all(2).tolist()
             mine = []
             for i in range(end - begin):
                 if len(mine) < MOST_PATHS and not any(same[i][j] for j in mine):

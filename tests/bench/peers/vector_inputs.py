@@ -126,7 +126,7 @@ class Histories:
         faded = 1.0 - np.exp(-step * np.arange(waypoints * parts + 1))
         speed = self.speed[:, None]
         speeds = speed + np.clip(self.acceleration, -4, 4)[:, None] * faded
-        speeds = np.where(speed > 0, np.maximum(speeds, 0.0), speeds)
+        speeds = np.maximum(speeds, np.minimum(speed, 0.0))
         headings = np.clip(self.turn_rate, -1, 1)[:, None] * faded
         speeds = 0.5 * (speeds[:, 1:] + speeds[:, :-1])
         headings = 0.5 * (headings[:, 1:] + headings[:, :-1])
@@ -316,9 +316,11 @@ class ActionGeometry:
     def _polylines(paths):
         """Starts and directions [13, N, 6, 1, 2] of a path's segments, and between which metres
         from its start each lies [13, N, 6, 1]."""
-        heading = -np.arcsin(np.clip(paths[..., 63], -1, 1))
-        foot = np.stack((np.sin(heading), -np.cos(heading)), 2) * paths[..., 62:63]
         points = paths[..., :26].reshape(*paths.shape[:2], 13, 2) * POINT_SCALES[:, None]
+        # From the first point back, in the mean of the headings there and at the foot.
+        back = np.stack((paths[..., 64] + paths[..., 26], paths[..., 39] - paths[..., 63]), 2)
+        back /= np.maximum(np.linalg.norm(back, axis=2, keepdims=True), 1e-3)
+        foot = points[:, :, 0] - 2.5 * back
         points = np.concatenate((foot[:, :, None], points), 2)
         step = np.diff(points, axis=2)
         length = np.sqrt((step * step).sum(3))

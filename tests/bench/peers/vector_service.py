@@ -1,6 +1,7 @@
 """Answers with a model of preset lanes or lanes-metres: inputs by NumPy, networks by PyTorch."""
 
 import hashlib
+import sys
 
 import numpy as np
 import torch
@@ -24,6 +25,8 @@ class VectorService:
     def __init__(self, folder, remember):
         self.networks = VectorNetworks(folder)
         spec = self.networks.spec
+        if spec.get("inputs_version", 1) != 2:
+            sys.exit("this server reads scenes by version 2 of the inputs, the model by another one")
         self.reference = spec.get("reference", "TRAJECTORY_REFERENCE_NONE")
         self.interval = self.networks.interval
         self.times = [self.interval * (t + 1) for t in range(self.networks.waypoints)]
