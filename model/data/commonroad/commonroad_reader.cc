@@ -161,26 +161,45 @@ std::optional<MapPoint> PlaceOf(const xml_node& position, const std::string& wha
 }
 
 //   center: of the obstacle's box, relative to its position
+//   unmeasured: gets the state's number if its velocity is not stated
 void AddState(const xml_node& state, double step, const MapPoint& center, const std::string& what,
-              Reading& reading, v1::Agent* agent) {
+              Reading& reading, v1::Agent* agent, std::vector<int>* unmeasured) {
   const std::optional<MapPoint> place =
       PlaceOf(state.child("position"), what + ": position", reading);
+  if (!place) return;
   const std::optional<double> time = reading.Value(state.child("time"), what + ": time");
-  if (!place || !time) return;
-  const double heading =
-      reading.Value(state.child("orientation"), what + ": orientation").value_or(0.0);
-  const double speed = reading.Value(state.child("velocity"), what + ": velocity").value_or(0.0);
+  const std::optional<double> heading =
+      reading.Value(state.child("orientation"), what + ": orientation");
+  if (!time) reading.Fail(what + " has no time");
+  if (!heading) reading.Fail(what + " has no orientation");
+  if (!time || !heading) return;
+  const std::optional<double> speed = reading.Value(state.child("velocity"), what + ": velocity");
+  if (!speed) unmeasured->push_back(agent->states_size());
   v1::AgentState* added = agent->add_states();
   added->set_time(*time * step);
   if (!std::isfinite(added->time())) reading.Fail(what + ": time is beyond any clock");
-  added->set_x(place->x + std::cos(heading) * center.x - std::sin(heading) * center.y);
-  added->set_y(place->y + std::sin(heading) * center.x + std::cos(heading) * center.y);
-  added->set_heading(static_cast<float>(std::remainder(heading, 2.0 * M_PI)));
-  added->set_velocity_x(static_cast<float>(speed * std::cos(heading)));
-  added->set_velocity_y(static_cast<float>(speed * std::sin(heading)));
+  added->set_x(place->x + std::cos(*heading) * center.x - std::sin(*heading) * center.y);
+  added->set_y(place->y + std::sin(*heading) * center.x + std::cos(*heading) * center.y);
+  added->set_heading(static_cast<float>(std::remainder(*heading, 2.0 * M_PI)));
+  added->set_velocity_x(static_cast<float>(speed.value_or(0.0) * std::cos(*heading)));
+  added->set_velocity_y(static_cast<float>(speed.value_or(0.0) * std::sin(*heading)));
   const int states = agent->states_size();
   if (states > 1 && added->time() <= agent->states(states - 2).time()) {
     reading.Fail(what + " must be later than the one before");
+  }
+}
+
+// Gives the states `unmeasured` the velocity of the way from the state before; the first state has
+// that of the way to the next one.
+void MeasureVelocities(const std::vector<int>& unmeasured, v1::Agent* agent) {
+  if (agent->states_size() < 2) return;
+  for (const int i : unmeasured) {
+    const v1::AgentState& from = agent->states(std::max(i - 1, 0));
+    const v1::AgentState& to = agent->states(std::max(i, 1));
+    const double time = to.time() - from.time();
+    v1::AgentState* const state = agent->mutable_states(i);
+    state->set_velocity_x(static_cast<float>((to.x() - from.x()) / time));
+    state->set_velocity_y(static_cast<float>((to.y() - from.y()) / time));
   }
 }
 
@@ -206,12 +225,15 @@ void AddObstacles(const xml_node& root, double step, Reading& reading, v1::Scena
     const xml_node shape =
         obstacle.child("shape") ? obstacle.child("shape") : obstacle.child("Shape");
     const MapPoint center = AddShape(shape, what + ": shape", reading, &agent);
-    AddState(obstacle.child("initialState"), step, center, what + ": initialState", reading,
-             &agent);
+    std::vector<int> unmeasured;
+    AddState(obstacle.child("initialState"), step, center, what + ": initialState", reading, &agent,
+             &unmeasured);
     for (const xml_node& state : obstacle.child("trajectory").children("state")) {
-      AddState(state, step, center, what + ": state of its trajectory", reading, &agent);
+      AddState(state, step, center, what + ": state of its trajectory", reading, &agent,
+               &unmeasured);
     }
     if (!reading.ok()) return;
+    MeasureVelocities(unmeasured, &agent);
     if (agent.states().empty()) continue;
     if (scenario->agents_size() == kLimits.max_agents) {
       reading.Fail(absl::StrCat("more than ", kLimits.max_agents, " obstacles"));

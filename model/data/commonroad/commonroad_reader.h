@@ -15,10 +15,13 @@ namespace maneuver::data {
 // that is earlier. The scenario names no targets. Planning problems are ignored: nobody drove them.
 //
 // Keeps obstacles that have a position at any time. An obstacle's states are its initial state and
-// its trajectory; its velocity points along its heading. The state of a static obstacle is repeated
-// at each later step of the scenario, up to ScenarioLimits::max_states_per_agent states. An
-// interval counts as its middle, and an area in place of a position as its centre. A shape counts
-// as the box around it, and the box's centre as the obstacle's place.
+// its trajectory, without those whose position is given only by lanelets. A velocity points along
+// the heading. Where none is stated, it is the way from the state before over the time between
+// both; for the first state, the way to the next one; 0 for a state alone. The state of a static
+// obstacle is repeated at each later step of the scenario, up to
+// ScenarioLimits::max_states_per_agent states. An interval counts as its middle, and an area in
+// place of a position as its centre. A shape counts as the box around it, and the box's centre as
+// the obstacle's place.
 // Lanelets become centrelines, lines and edges as lanelet_map.h says.
 //
 // A traffic light stands at the end of the lanelets that refer to it. So it controls their

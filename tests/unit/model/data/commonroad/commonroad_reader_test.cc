@@ -35,6 +35,15 @@ std::string DrivenCar(const std::string& tag, const std::string& before_type) {
          "</trajectory></" + tag + ">";
 }
 
+// Returns the text without the elements of that name.
+std::string Without(const std::string& name, std::string xml) {
+  const std::string end = "</" + name + ">";
+  for (size_t at = 0; (at = xml.find("<" + name + ">")) != xml.npos;) {
+    xml.erase(at, xml.find(end, at) + end.size() - at);
+  }
+  return xml;
+}
+
 std::string File(const std::string& version, const std::string& content) {
   return "<?xml version=\"1.0\"?><commonRoad benchmarkID=\"TST_Road-1\" commonRoadVersion=\"" +
          version + "\" timeStepSize=\"0.1\">" + content + "</commonRoad>";
@@ -80,6 +89,41 @@ TEST(CommonRoadTest, VelocityPointsAlongTheWrappedHeading) {
   EXPECT_NEAR(state.heading(), M_PI / 2, 1e-6);
   EXPECT_NEAR(state.velocity_x(), 0.0, 1e-5);
   EXPECT_NEAR(state.velocity_y(), 4.0, 1e-5);
+}
+
+TEST(CommonRoadTest, AStateWithoutAVelocityHasThatOfTheWayFromTheStateBefore) {
+  const v1::Scenario scenario =
+      Parse(File("2020a", Without("velocity", DrivenCar("dynamicObstacle", ""))));
+  ASSERT_EQ(scenario.agents(0).states_size(), 21);
+  for (const v1::AgentState& state : scenario.agents(0).states()) {
+    EXPECT_NEAR(state.velocity_x(), 10.0, 1e-5) << state.time();
+    EXPECT_NEAR(state.velocity_y(), 0.0, 1e-5) << state.time();
+  }
+  // It stands, then moves 1 m back and 2 m to its left in half a second.
+  const auto without_velocity = [](const std::string& tag, int step, double x, double y) {
+    return Without("velocity", State(tag, step, x, y, 0.0, 0.0));
+  };
+  const std::string first = "<dynamicObstacle id=\"1\"><type>car</type>" + kCarShape +
+                            without_velocity("initialState", 0, 4.0, 0.0);
+  const v1::Scenario moves = Parse(File(
+      "2020a", first + "<trajectory>" + State("state", 1, 4.0, 0.0, 0.0, 7.0) +
+                   without_velocity("state", 6, 3.0, 2.0) + "</trajectory></dynamicObstacle>"));
+  ASSERT_EQ(moves.agents(0).states_size(), 3);
+  EXPECT_FLOAT_EQ(moves.agents(0).states(0).velocity_x(), 0.0F);
+  EXPECT_FLOAT_EQ(moves.agents(0).states(1).velocity_x(), 7.0F);  // as stated
+  EXPECT_NEAR(moves.agents(0).states(2).velocity_x(), -2.0, 1e-5);
+  EXPECT_NEAR(moves.agents(0).states(2).velocity_y(), 4.0, 1e-5);
+
+  const v1::Scenario alone = Parse(File("2020a", first + "</dynamicObstacle>"));
+  EXPECT_EQ(alone.agents(0).states(0).velocity_x(), 0.0F);
+}
+
+TEST(CommonRoadTest, AStateThatIsOnlyInLaneletsIsLeftOut) {
+  const std::string state =
+      "<state><position><lanelet ref=\"5\"/></position><time><exact>21</exact></time></state>";
+  std::string car = DrivenCar("dynamicObstacle", "");
+  car.insert(car.find("</trajectory>"), state);
+  EXPECT_EQ(Parse(File("2020a", car)).agents(0).states_size(), 21);
 }
 
 TEST(CommonRoadTest, AStaticObstacleHasAStateAtEveryStep) {
@@ -128,11 +172,12 @@ TEST(CommonRoadTest, TakesTheMiddleOfAnIntervalAndTheCentreOfAnArea) {
   EXPECT_DOUBLE_EQ(state.x(), 3.0);
   EXPECT_DOUBLE_EQ(state.y(), 4.0);
   EXPECT_FLOAT_EQ(state.velocity_x(), 5.0F);
-  const v1::Scenario polygon = Parse(File(
-      "2020a", "<dynamicObstacle id=\"1\"><type>car</type>" + kCarShape +
-                   "<initialState><position><polygon><point><x>2</x><y>1</y></point>"
-                   "<point><x>6</x><y>1</y></point><point><x>6</x><y>4</y></point></polygon>"
-                   "</position><time><exact>0</exact></time></initialState></dynamicObstacle>"));
+  const v1::Scenario polygon = Parse(
+      File("2020a", "<dynamicObstacle id=\"1\"><type>car</type>" + kCarShape +
+                        "<initialState><position><polygon><point><x>2</x><y>1</y></point>"
+                        "<point><x>6</x><y>1</y></point><point><x>6</x><y>4</y></point></polygon>"
+                        "</position><orientation><exact>0</exact></orientation>"
+                        "<time><exact>0</exact></time></initialState></dynamicObstacle>"));
   EXPECT_DOUBLE_EQ(polygon.agents(0).states(0).x(), 4.0);
   EXPECT_DOUBLE_EQ(polygon.agents(0).states(0).y(), 2.5);
 }
@@ -328,6 +373,11 @@ TEST(CommonRoadTest, ErrorsNameTheElement) {
   wrong = car;
   wrong.replace(wrong.find("<exact>2.0"), 10, "<exact>1.0");
   EXPECT_THAT(problem(File("2020a", wrong)), HasSubstr("later than the one before"));
+  const size_t second = car.find("<state>");
+  for (const char* name : {"time", "orientation"}) {
+    EXPECT_THAT(problem(File("2020a", car.substr(0, second) + Without(name, car.substr(second)))),
+                HasSubstr(std::string("obstacle 7: state of its trajectory has no ") + name));
+  }
   std::string no_step = File("2020a", car);
   no_step.replace(no_step.find("timeStepSize=\"0.1\""), 18, "");
   EXPECT_THAT(problem(no_step), HasSubstr("timeStepSize"));
