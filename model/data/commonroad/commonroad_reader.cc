@@ -396,12 +396,22 @@ std::vector<v1::TrafficSignalReading> ReadingsOf(const xml_node& light, int last
   return readings;
 }
 
-// Where a lane leads, in the words of a traffic light's direction.
+// Where a lane leads, in the words of a traffic light's direction. Points that repeat the one before
+// have no direction.
 std::string TurnOf(const v1::MapFeature& lane) {
   constexpr double kTurn = M_PI / 6.0;
-  const int last = lane.x_size() - 1;
-  const double before = std::atan2(lane.y(1) - lane.y(0), lane.x(1) - lane.x(0));
-  const double after = std::atan2(lane.y(last) - lane.y(last - 1), lane.x(last) - lane.x(last - 1));
+  constexpr double kLeastSegment = 0.001;  // metres
+  const auto along = [&lane](int i) {
+    return MapPoint{lane.x(i + 1) - lane.x(i), lane.y(i + 1) - lane.y(i)};
+  };
+  const auto is_short = [&along](int i) {
+    return std::hypot(along(i).x, along(i).y) <= kLeastSegment;
+  };
+  int first = 0, last = lane.x_size() - 2;
+  while (first < last && is_short(first)) ++first;
+  while (first < last && is_short(last)) --last;
+  const double before = std::atan2(along(first).y, along(first).x);
+  const double after = std::atan2(along(last).y, along(last).x);
   const double turn = std::remainder(after - before, 2.0 * M_PI);
   return turn > kTurn ? "left" : turn < -kTurn ? "right" : "straight";
 }

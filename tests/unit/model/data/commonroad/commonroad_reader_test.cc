@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <string>
+#include <vector>
 
 #include "model/scene/scenario_validation.h"
 
@@ -326,6 +327,34 @@ TEST(CommonRoadTest, ALightControlsTheLanesAfterTheLaneletsThatReferToIt) {
                                           std::pair(7.0, v1::TRAFFIC_SIGNAL_STATE_CAUTION),
                                           std::pair(10.0, v1::TRAFFIC_SIGNAL_STATE_STOP),
                                           std::pair(20.0, v1::TRAFFIC_SIGNAL_STATE_GO)));
+}
+
+TEST(CommonRoadTest, ARepeatedPointDoesNotTurnALane) {
+  const auto light = [](const std::string& id, const std::string& direction,
+                        const std::string& color) {
+    return "<trafficLight id=\"" + id + "\"><cycle><cycleElement><duration>5</duration><color>" +
+           color + "</color></cycleElement></cycle><direction>" + direction +
+           "</direction></trafficLight>";
+  };
+  // Returns what a lane to the west along these x shows, behind a red light for a turn and a green
+  // one for going straight.
+  const auto shown = [&light](const std::vector<std::string>& xs, const std::string& turn) {
+    const auto bound = [&xs](const std::string& name, const std::string& y) {
+      std::string points;
+      for (const std::string& x : xs) points += "<point><x>" + x + "</x><y>" + y + "</y></point>";
+      return "<" + name + ">" + points + "</" + name + ">";
+    };
+    const v1::Scenario scenario =
+        Parse(File("2020a", DrivenCar("dynamicObstacle", "") + "<lanelet id=\"5\">" + kBounds +
+                                "<successor ref=\"6\"/><trafficLightRef ref=\"80\"/>"
+                                "<trafficLightRef ref=\"81\"/></lanelet><lanelet id=\"6\">" +
+                                bound("leftBound", "-2") + bound("rightBound", "2") + "</lanelet>" +
+                                light("80", turn, "red") + light("81", "straight", "green")));
+    EXPECT_EQ(scenario.traffic_signals_size(), 1);
+    return scenario.traffic_signals(0).readings(0).state();
+  };
+  EXPECT_EQ(shown({"0", "0", "-30"}, "left"), v1::TRAFFIC_SIGNAL_STATE_GO);
+  EXPECT_EQ(shown({"0", "-30", "-30"}, "right"), v1::TRAFFIC_SIGNAL_STATE_GO);
 }
 
 TEST(CommonRoadTest, SmallFilesDoNotBecomeLarge) {
