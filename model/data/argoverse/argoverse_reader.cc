@@ -29,14 +29,13 @@ using scene::Point2;
 
 constexpr std::array<const char*, 6> kColumns = {"TIMESTAMP", "TRACK_ID", "OBJECT_TYPE",
                                                  "X",         "Y",        "CITY_NAME"};
-constexpr size_t kObserved = 20;         // times up to the prediction
-constexpr double kFrame = 0.1;           // seconds
-constexpr double kMoves = 1.0;           // m/s at which the velocity gives the heading
-constexpr double kStride = 0.45;         // seconds over which an agent must have moved
-constexpr double kLeastStride = 0.25;    // metres by which
-constexpr double kLaneReach = 5.0;       // metres
-constexpr double kBlock = 600.0;         // seconds of a drive that make one recording
-constexpr size_t kMostTracks = 100'000;  // beyond it, no sequence
+constexpr size_t kObserved = 20;       // times up to the prediction
+constexpr double kFrame = 0.1;         // seconds
+constexpr double kMoves = 1.0;         // m/s at which the velocity gives the heading
+constexpr double kStride = 0.45;       // seconds over which an agent must have moved
+constexpr double kLeastStride = 0.25;  // metres by which
+constexpr double kLaneReach = 5.0;     // metres
+constexpr double kBlock = 600.0;       // seconds of a drive that make one recording
 
 struct Fix {
   double time = 0.0;
@@ -122,7 +121,9 @@ absl::Status AddRow(const std::array<std::string, kColumns.size()>& fields, int6
   if (is_new) {
     track->second.type = type;
     sequence->track_order.push_back(track_id);
-    if (sequence->tracks.size() > kMostTracks) return RowError(row, "too many tracks");
+    if (std::ssize(sequence->tracks) > limits.max_agents) {
+      return RowError(row, absl::StrCat("more than ", limits.max_agents, " tracks"));
+    }
   } else if (track->second.type != type) {
     return RowError(
         row, absl::StrCat("OBJECT_TYPE ", QuotedText(type), " of track ", QuotedText(track_id),

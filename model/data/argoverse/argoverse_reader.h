@@ -37,8 +37,9 @@ using CityMaps = std::map<std::string, CityMap>;
 //   - map: the surroundings of AV and AGENT.
 //
 // INVALID_ARGUMENT, with row and column, if a field is missing or out of range, the types are
-// unknown, a track has two positions at one time, the cities differ or have no map, or no track or
-// several tracks are the AGENT.
+// unknown, a track has two positions at one time, there are more tracks or rows of one than
+// ScenarioLimits allow, the cities differ or have no map, or no track or several tracks are the
+// AGENT.
 absl::StatusOr<v1::Scenario> ParseArgoverse(std::string_view csv, const std::string& name,
                                             const CityMaps* maps);
 

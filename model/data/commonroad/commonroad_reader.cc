@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
+#include <iterator>
 #include <map>
 #include <optional>
 #include <pugixml.hpp>
@@ -313,6 +314,7 @@ std::map<std::string, double> SpeedSigns(const xml_node& root) {
 std::vector<Lanelet> ReadLanelets(const xml_node& root, Reading& reading) {
   const std::map<std::string, double> signs = SpeedSigns(root);
   std::vector<Lanelet> lanelets;
+  int64_t points_in_bounds = 0;
   for (const xml_node& node : root.children("lanelet")) {
     const std::string what = absl::StrCat("lanelet ", node.attribute("id").as_string());
     if (std::ssize(lanelets) == kLimits.max_map_features) {
@@ -326,6 +328,12 @@ std::vector<Lanelet> ReadLanelets(const xml_node& root, Reading& reading) {
     lanelet.right = reading.Points(node.child("rightBound"), what + ": rightBound");
     if (lanelet.left.size() < 2 || lanelet.right.size() < 2) {
       reading.Fail(what + " must have bounds of two points or more");
+      return lanelets;
+    }
+    // MapOf compares each piece of a bound with the points of others.
+    points_in_bounds += std::ssize(lanelet.left) + std::ssize(lanelet.right);
+    if (points_in_bounds > kLimits.max_map_points) {
+      reading.Fail(absl::StrCat("more than ", kLimits.max_map_points, " points in bounds"));
       return lanelets;
     }
     lanelet.beside_left = Beside(node.child("adjacentLeft"));

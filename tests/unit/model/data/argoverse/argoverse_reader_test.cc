@@ -158,6 +158,17 @@ TEST(ArgoverseReaderTest, RefusesATrackWithMoreRowsThanAScenarioMayHave) {
               HasSubstr("row 2002: track 'many' has more than 2000 rows"));
 }
 
+TEST(ArgoverseReaderTest, RefusesMoreTracksThanAScenarioMayHaveAgents) {
+  std::string rows;
+  for (int i = 0; i <= scene::ScenarioLimits().max_agents; ++i) {
+    rows += "1.0,t" + std::to_string(i) + ",OTHERS,0,0,PIT\n";
+  }
+  const std::string row = kFirstRow;
+  const auto parsed =
+      ParseArgoverse(absl::StrReplaceAll(ArgoverseSequence(), {{row, rows + row}}), "1", nullptr);
+  EXPECT_EQ(std::string(parsed.status().message()), "row 2002: more than 2000 tracks");
+}
+
 TEST(ArgoverseReaderTest, AnyTruncationOrChangedByteIsRefusedOrGivesAValidScenario) {
   const std::string whole = ArgoverseSequence();
   std::mt19937 random(26);

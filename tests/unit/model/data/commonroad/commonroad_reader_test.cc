@@ -382,6 +382,18 @@ TEST(CommonRoadTest, SmallFilesDoNotBecomeLarge) {
               HasSubstr("trafficLight 80 changes more than 2000 times"));
 }
 
+TEST(CommonRoadTest, RefusesBoundsWithMorePointsThanAMapMayHave) {
+  std::string points;
+  for (int i = 0; i < scene::ScenarioLimits().max_map_points; ++i) {
+    points += "<point><x>0</x><y>2</y></point>";
+  }
+  std::string lanelet = "<lanelet id=\"5\">" + kBounds + "</lanelet>";
+  lanelet.insert(lanelet.find("<point>"), points);
+  const auto scenario = ParseCommonRoad(File("2020a", DrivenCar("dynamicObstacle", "") + lanelet));
+  EXPECT_THAT(std::string(scenario.status().message()),
+              HasSubstr("more than 500000 points in bounds"));
+}
+
 TEST(CommonRoadTest, ErrorsNameTheElement) {
   const auto problem = [](const std::string& xml) {
     const auto scenario = ParseCommonRoad(xml);
