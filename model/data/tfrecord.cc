@@ -179,8 +179,9 @@ absl::StatusOr<std::unique_ptr<TfRecordReader>> TfRecordReader::Open(
 
 absl::StatusOr<std::string> ReadRecordAt(const std::filesystem::path& file, uint64_t offset,
                                          uint64_t payload_bytes) {
-  std::ifstream in(file, std::ios::binary);
+  std::ifstream in(file, std::ios::binary | std::ios::ate);
   if (!in) return files::ErrnoStatus(errno, "open", file);
+  const auto file_bytes = static_cast<uint64_t>(in.tellg());
   const auto damaged = [&](absl::string_view what) {
     return absl::DataLossError(
         absl::StrCat(files::NameOf(file), ", record at byte ", offset, ": ", what));
@@ -194,6 +195,8 @@ absl::StatusOr<std::string> ReadRecordAt(const std::filesystem::path& file, uint
     return damaged(absl::StrCat("the record has ", LittleEndian<uint64_t>(header.data()),
                                 " bytes, and its index says ", payload_bytes));
   }
+  // Before memory is allocated. The header was read, so the file reaches beyond `offset`.
+  if (payload_bytes > file_bytes - offset) return damaged("the file ends within the record");
   std::string payload(payload_bytes, '\0');
   std::array<char, kCrcBytes> footer;
   in.read(payload.data(), static_cast<std::streamsize>(payload.size()));

@@ -4,6 +4,7 @@
 #include <google/protobuf/util/json_util.h>
 #include <gtest/gtest.h>
 
+#include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <string>
@@ -14,6 +15,7 @@
 #include "model/files/digest.h"
 #include "model/files/durable_file.h"
 #include "tests/unit/model/data/recordings_for_tests.h"
+#include "tests/unit/model/data/wire_format.h"
 #include "tests/unit/temporary_folder.h"
 
 namespace maneuver::data::recording_index_test {
@@ -163,6 +165,38 @@ TEST_F(RecordingIndexTest, RefusesToIndexADamagedShard) {
   const absl::Status status = Open().status();
   EXPECT_EQ(status.code(), absl::StatusCode::kDataLoss);
   EXPECT_THAT(std::string(status.message()), HasSubstr("scenarios-00000.tfrecord has SHA-256"));
+}
+
+TEST_F(RecordingIndexTest, ARecordLongerThanItsFileIsDamagedThoughTheIndexAgrees) {
+  constexpr int64_t kBytes = int64_t{1} << 62;
+  const auto masked_crc = [](const std::string& bytes) {
+    const uint32_t crc = MaskedCrc32c(bytes);
+    return std::string(reinterpret_cast<const char*>(&crc), sizeof crc);
+  };
+  std::string shard(reinterpret_cast<const char*>(&kBytes), sizeof kBytes);
+  shard += masked_crc(shard);
+  v1::Dataset manifest = *ReadDatasetManifest(folder_);
+  v1::Shard& first = *manifest.mutable_shards(0);
+  manifest.set_recordings(manifest.recordings() - first.records() + 1);
+  first.set_records(1);
+  first.set_size_bytes(static_cast<int64_t>(shard.size()));
+  first.set_sha256(files::Sha256Hex(shard));
+  WriteBytes(folder_ / first.file(), shard);
+  ASSERT_TRUE(WriteDatasetManifest(folder_, manifest).ok());
+  const std::string index_message =
+      Wire()
+          .Varint(1, 1)
+          .Bytes(2, first.sha256())
+          .Message(3, Wire().Bytes(1, "r0").Varint(2, 0).Varint(3, kBytes))
+          .bytes();
+  WriteBytes(first_index_, masked_crc(index_message) + index_message);
+
+  const auto index = Open();
+  ASSERT_TRUE(index.ok()) << index.status();
+  EXPECT_THAT(reports_, IsEmpty());
+  const absl::Status read = index->Read(0).status();
+  EXPECT_EQ(read.code(), absl::StatusCode::kDataLoss);
+  EXPECT_THAT(std::string(read.message()), HasSubstr("the file ends within the record"));
 }
 
 TEST_F(RecordingIndexTest, AManifestWithAnAbsurdCountIsDamaged) {
