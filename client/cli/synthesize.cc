@@ -17,6 +17,7 @@
 #include "model/data/town/synthetic_town.h"
 #include "model/machine/ordered_work.h"
 #include "model/machine/usable_cores.h"
+#include "model/scene/scenario_validation.h"
 
 namespace maneuver::cli {
 namespace {
@@ -129,7 +130,10 @@ void AddSynthesize(Command& root, Environment& environment) {
   command.Argument("OUT_DIR", &arguments->folder, "Folder to write; must not exist");
   command.Option("--recordings", &arguments->recordings, 1, 1'000'000, "Number of recordings");
   command.Option("--seed", &arguments->seed, 0, INT64_MAX, "Seed of the town and its traffic");
-  command.Option("--duration", &arguments->duration, 2.0, 600.0, "Seconds of each recording");
+  // Who is there all the time has a state in each frame, and no more than a scenario may have.
+  const double longest =
+      TownOptions().frame_interval * (scene::ScenarioLimits().max_states_per_agent - 1);
+  command.Option("--duration", &arguments->duration, 2.0, longest, "Seconds of each recording");
   const std::vector<std::string> layouts = data::town::LayoutNames();
   command.Choices("--layout", &arguments->layouts, layouts,
                   "Kind of place to make recordings of; may be repeated [all]");

@@ -211,6 +211,13 @@ TEST(CommandErrorsTest, RefusesWhatIsNotANumber) {
   }
 }
 
+TEST(CommandErrorsTest, RefusesRecordingsOfMoreStatesThanAnAgentMayHave) {
+  const Result refused = Maneuver({"synthesize", "/dev/null/town", "--duration", "200"});
+  EXPECT_EQ(refused.status, kUsage);
+  EXPECT_THAT(refused.err, AllOf(HasSubstr("--duration"), HasSubstr("199.9")));
+  EXPECT_EQ(Maneuver({"synthesize", "/dev/null/town", "--duration", "199.9"}).status, kFailed);
+}
+
 TEST(CommandErrorsTest, RefusesIntegersBeyondTheLargest) {
   for (const std::string seed :
        {"9223372036854775808", "18446744073709551616", "-99999999999999999999",

@@ -1,5 +1,6 @@
 #include "model/data/town/synthetic_town.h"
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 #include <set>
@@ -88,6 +89,16 @@ TEST(SyntheticTownTest, RecordingsAreValidScenarios) {
       EXPECT_FALSE(scene::ValidateTarget(scenario, target, 0.05).has_value()) << index;
     }
   }
+}
+
+TEST(SyntheticTownTest, TheLongestRecordingIsAValidScenario) {
+  const v1::Scenario scenario =
+      GenerateRecording({.seed = 1, .duration = 199.9, .layouts = {"car_park"}}, 0).scenario;
+  const auto violations = scene::ValidateScenario(scenario, {});
+  EXPECT_TRUE(violations.empty()) << violations[0].field << " " << violations[0].description;
+  int most = 0;
+  for (const v1::Agent& agent : scenario.agents()) most = std::max(most, agent.states_size());
+  EXPECT_EQ(most, scene::ScenarioLimits().max_states_per_agent);
 }
 
 TEST(SyntheticTownTest, RecordingsAreAsLargeAsRealOnes) {
