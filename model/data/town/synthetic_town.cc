@@ -15,7 +15,8 @@ namespace maneuver::data::town {
 namespace {
 
 constexpr uint64_t kSensorStream = 2;
-constexpr int kMostAgents = 45;
+constexpr int kMostAgents = 45;          // of a recording of kUsualDuration, or a shorter one
+constexpr double kUsualDuration = 20.0;  // seconds
 constexpr int kFirstMapFeature = 1;
 
 // The pose of a place's frame in the world.
@@ -196,8 +197,10 @@ TownRecording GenerateRecording(const TownOptions& options, int index) {
 
   SensorModel sensor;
   sensor.radius = simulated.place.sensed_radius;
+  // Tracks are in the order in which vehicles came: a longer recording needs more to reach its end.
+  const double most_agents = kMostAgents * std::max(1.0, options.duration / kUsualDuration);
   for (const Track& track : simulated.tracks) {
-    if (scenario.agents_size() >= kMostAgents) break;
+    if (scenario.agents_size() >= most_agents) break;
     const std::optional<Sighting> sighting = Observe(sensor, track, options.frame_interval, random);
     if (!sighting) continue;
     WriteAgent(track, *sighting, placement, scenario);

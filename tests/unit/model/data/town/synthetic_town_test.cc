@@ -101,6 +101,16 @@ TEST(SyntheticTownTest, TheLongestRecordingIsAValidScenario) {
   EXPECT_EQ(most, scene::ScenarioLimits().max_states_per_agent);
 }
 
+TEST(SyntheticTownTest, ALongRecordingHasTrafficUntilItsEnd) {
+  const v1::Scenario scenario =
+      GenerateRecording({.seed = 1, .duration = 120.0, .layouts = {"motorway"}}, 0).scenario;
+  double last = 0.0;
+  for (const v1::Agent& agent : scenario.agents()) {
+    last = std::max(last, agent.states().rbegin()->time());
+  }
+  EXPECT_GT(last, 110.0);
+}
+
 TEST(SyntheticTownTest, RecordingsAreAsLargeAsRealOnes) {
   for (int index = 0; index < kRecordings; ++index) {
     const v1::Scenario& scenario = Recordings()[index].scenario;
