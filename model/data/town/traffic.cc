@@ -102,9 +102,15 @@ class Traffic {
     if (track != tracks_.end()) track->second.events = vehicle.events;
   }
 
+  // Returns an id that no pedestrian has.
+  int NewId() {
+    if (next_id_ == kFirstPedestrian) next_id_ += place_.walkers;
+    return next_id_++;
+  }
+
   Vehicle NewVehicle(int lane) {
     Vehicle vehicle;
-    vehicle.id = next_id_++;
+    vehicle.id = NewId();
     if (place_.graph.lanes[lane].kind == LaneKind::kBike) {
       vehicle.kind = RoadUser::kCyclist;
       vehicle.length = random_.Uniform(1.65, 1.9);
@@ -150,8 +156,9 @@ class Traffic {
         vehicles_.push_back(std::move(vehicle));
         continue;
       }
-      Track& track = tracks_[next_id_];
-      track.id = next_id_++;
+      const int id = NewId();
+      Track& track = tracks_[id];
+      track.id = id;
       track.length = parked.length;
       track.width = parked.width;
       parked_.push_back(track.id);

@@ -68,6 +68,21 @@ TEST(TrafficTest, GivingWayKeepsVehiclesApartWithoutDrawingPlacesAgain) {
   EXPECT_LE(overlapping, 1);
 }
 
+TEST(TrafficTest, NoVehicleHasTheIdOfAPedestrian) {
+  Random random(7, 0, 1);
+  Place place = DrawPlace(random, {"signal_crossing"});
+  ASSERT_FALSE(place.footways.empty());
+  place.parked.assign(1100, {});  // take ids first
+  int pedestrians = 0;
+  for (const Track& track : SimulateTraffic(place, {.duration = 1.0}, random)) {
+    for (size_t i = 1; i < track.points.size(); ++i) {
+      ASSERT_GT(track.points[i].time, track.points[i - 1].time) << "id " << track.id;
+    }
+    pedestrians += track.kind == RoadUser::kPedestrian;
+  }
+  EXPECT_GT(pedestrians, 0);
+}
+
 TEST(TrafficTest, VehiclesDoNotRunRedLights) {
   int passed = 0;
   ForEachVehicle([&passed](const Place& place, const Track& track, int index) {
