@@ -2,16 +2,31 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string_view>
+#include <tuple>
 
 namespace maneuver::evaluation {
 namespace {
 
 constexpr double kSameMoment = 1e-6;  // seconds; tolerance for rounded times
 
+bool IsOfAMoment(const v1::ManeuverAnnotation& annotation) {
+  return annotation.start_time() == annotation.end_time();
+}
+
 }  // namespace
 
 ManeuverLabels::ManeuverLabels(std::span<const v1::ManeuverAnnotation> annotations) {
+  const auto moment_of = [](const v1::ManeuverAnnotation& annotation) {
+    return std::tuple(std::string_view(annotation.scenario_id()), annotation.agent_id(),
+                      annotation.start_time());
+  };
+  std::map<std::tuple<std::string_view, int64_t, double>, const v1::ManeuverAnnotation*> latest;
   for (const v1::ManeuverAnnotation& annotation : annotations) {
+    if (IsOfAMoment(annotation)) latest[moment_of(annotation)] = &annotation;
+  }
+  for (const v1::ManeuverAnnotation& annotation : annotations) {
+    if (IsOfAMoment(annotation) && latest[moment_of(annotation)] != &annotation) continue;
     intervals_[{annotation.scenario_id(), annotation.agent_id()}].push_back(&annotation);
     const auto [_, is_new] =
         classes_.try_emplace(annotation.maneuver(), static_cast<int>(names_.size()));
@@ -27,7 +42,7 @@ std::optional<int> ManeuverLabels::Over(const std::string& scenario_id, int64_t 
   const v1::ManeuverAnnotation* moment = nullptr;
   double nearest = kNearMoment + kSameMoment;
   for (const v1::ManeuverAnnotation* annotation : found->second) {
-    if (annotation->start_time() == annotation->end_time()) {
+    if (IsOfAMoment(*annotation)) {
       const double distance = std::abs(annotation->start_time() - start);
       if (distance < nearest) {
         nearest = distance;

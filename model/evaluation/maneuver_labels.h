@@ -26,7 +26,8 @@ class ManeuverLabels {
   // Returns the class that covers more of [start, end] than any other; nothing if none was recorded
   // then. Equal names have equal classes. An annotation of a moment (start equals end) says what
   // the agent does from then on: it applies to windows that start within kNearMoment of it. The
-  // nearest such annotation takes precedence over all others.
+  // nearest such annotation takes precedence over all others. Of several for one moment, the last
+  // counts, and the others are as if they were not there.
   std::optional<int> Over(const std::string& scenario_id, int64_t agent_id, double start,
                           double end) const;
   // Returns the name of each class.

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <string>
 #include <vector>
 
 namespace maneuver::evaluation::maneuver_labels_test {
@@ -51,6 +52,18 @@ TEST(ManeuverLabelsTest, AMomentTakesPrecedenceOverIntervals) {
   const ManeuverLabels labels(annotations);
   EXPECT_EQ(labels.names()[*labels.Over("scene", 1, 2.0, 7.0)], "turn_left");
   EXPECT_EQ(labels.names()[*labels.Over("scene", 1, 3.0, 8.0)], "keep_lane");
+}
+
+TEST(ManeuverLabelsTest, OfTheLabelsOfAMomentTheLastCounts) {
+  const std::vector annotations = {
+      Annotation(1, 2.0, 2.0, "turn_left"), Annotation(1, 2.0, 2.0, "keep_lane"),
+      Annotation(1, 2.2, 2.2, "stop"), Annotation(1, 2.2, 2.2, "start")};
+  const ManeuverLabels labels(annotations);
+  EXPECT_EQ(labels.names()[*labels.Over("scene", 1, 2.0, 7.0)], "keep_lane");
+  EXPECT_EQ(labels.names()[*labels.Over("scene", 1, 2.05, 7.0)], "keep_lane");
+  EXPECT_EQ(labels.names()[*labels.Over("scene", 1, 2.2, 7.0)], "start");
+  // A name that was corrected everywhere is none.
+  EXPECT_EQ(labels.names(), (std::vector<std::string>{"keep_lane", "start"}));
 }
 
 TEST(ManeuverLabelsTest, ReturnsNothingForOtherAgentsAndTimes) {
