@@ -25,11 +25,12 @@ namespace {
 
 using scene::Point2;
 
-constexpr double kResolution = 1.0;       // of centrelines, metres
-constexpr double kLongestPath = 5'000.0;  // of one lane, metres
-constexpr double kEndTolerance = 0.5;     // from end_pose, metres
-constexpr double kLongestEdge = 50.0;     // of a piece of road edge, metres
-constexpr size_t kSharedNodes = 2;        // of a divider between neighbours
+constexpr double kResolution = 1.0;              // of centrelines, metres
+constexpr double kLongestPath = 5'000.0;         // of one lane, metres
+constexpr double kLongestNetwork = 5'000'000.0;  // of all lanes, metres
+constexpr double kEndTolerance = 0.5;            // from end_pose, metres
+constexpr double kLongestEdge = 50.0;            // of a piece of road edge, metres
+constexpr size_t kSharedNodes = 2;               // of a divider between neighbours
 
 constexpr std::array<std::string_view, 12> kLayers = {
     "node",           "line",          "polygon",      "lane",
@@ -186,6 +187,10 @@ class MapReader {
       }
       length += path.length();
       if (length > kLongestPath) part.Fail("segment_length", "is longer than any lane");
+      // A part of 100 bytes may become 5,000 points.
+      if (network_length_ + length > kLongestNetwork) {
+        part.Fail("segment_length", "makes all lanes together longer than those of any city");
+      }
       if (!row.ok()) return;
       path.curvatures = *curvatures;
       const scene::Pose2 reached = path.PoseAt(path.length());
@@ -196,7 +201,9 @@ class MapReader {
       }
       AppendPoints(path, kResolution, &points);
     }
-    if (row.ok() && points.size() >= 2) paths_[lane] = std::move(points);
+    if (!row.ok() || points.size() < 2) return;
+    network_length_ += length;
+    paths_[lane] = std::move(points);
   }
 
   void ReadLinks(const std::string& lane, const JsonRow& row) {
@@ -390,6 +397,7 @@ class MapReader {
   std::unordered_map<std::string, Nodes> lines_;
   std::unordered_map<std::string, Polygon> polygons_;
   std::unordered_map<std::string, std::vector<Point2>> paths_;  // by lane
+  double network_length_ = 0.0;                                 // of all paths, metres
   std::vector<std::pair<std::string, std::string>> links_;      // from, to
   std::vector<Lane> lanes_;
   std::vector<Lane> connectors_;

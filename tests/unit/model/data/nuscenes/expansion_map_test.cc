@@ -178,6 +178,21 @@ TEST_F(ExpansionMapTest, NamesTheRowThatIsDamagedAndReadsTheOthers) {
   EXPECT_THAT(damages(map), ElementsAre(HasSubstr("occurs twice")));
 }
 
+TEST_F(ExpansionMapTest, RefusesAPathBeyondTheLanesOfAnyCity) {
+  const json five_kilometres = {{"start_pose", {0.0, 0.0, 0.0}},
+                                {"end_pose", {5000.0, 0.0, 0.0}},
+                                {"shape", "LSL"},
+                                {"radius", 10.0},
+                                {"segment_length", {0.0, 5000.0, 0.0}}};
+  json paths = json::object();
+  for (int i = 1000; i <= 2000; ++i) paths[std::to_string(i)] = json::array({five_kilometres});
+  map_["arcline_path_3"] = paths;
+  ASSERT_TRUE(Read().ok());
+  EXPECT_THAT(damages_,
+              ElementsAre(AllOf(HasSubstr("toy-town.json: arcline_path_3.2000[0].segment_length"),
+                                HasSubstr("all lanes together longer"))));
+}
+
 TEST_F(ExpansionMapTest, RefusesAFileThatIsNotAMapExpansion) {
   map_ = {{"version", "1.0"}, {"node", json::array()}};
   EXPECT_THAT(std::string(Read().status().message()), HasSubstr("no map expansion of nuScenes"));
