@@ -1,5 +1,6 @@
 // maneuver import waymo: Waymo Open Motion TFRecords as a dataset folder.
 
+#include <cstdint>
 #include <fstream>
 #include <memory>
 
@@ -11,6 +12,10 @@
 
 namespace maneuver::cli {
 namespace {
+
+// Scenarios have a megabyte or a few. Longer records would only be parsed to be refused, and some
+// kilobytes of gzip can become as long as they like.
+constexpr uint64_t kLongestScenario = uint64_t{64} << 20;
 
 // What else a file may be that has no TFRecord at its start.
 absl::Status NoRecords(const std::filesystem::path& file, const absl::Status& damage) {
@@ -24,7 +29,7 @@ absl::Status NoRecords(const std::filesystem::path& file, const absl::Status& da
 }
 
 absl::Status ReadRecords(const std::filesystem::path& file, ImportSink& sink) {
-  auto reader = data::TfRecordReader::Open(file);
+  auto reader = data::TfRecordReader::Open(file, {.max_record_bytes = kLongestScenario});
   if (!reader.ok()) return reader.status();
   while (true) {
     std::string bytes;

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cstdint>
 #include <filesystem>
 #include <fstream>
 #include <sstream>
@@ -170,6 +171,17 @@ TEST_F(ImportTest, ADamagedRecordStopsTheImportOrIsSkippedAndCounted) {
   EXPECT_EQ(skipped.status, kFailed);
   EXPECT_THAT(skipped.err, HasSubstr("damaged records skipped: 1"));
   EXPECT_THAT(Ids("skipped"), ElementsAre("one", "three"));
+}
+
+TEST_F(ImportTest, RefusesARecordThatIsLongerThanAnyScenarioOfWaymo) {
+  constexpr uint64_t kBytes = uint64_t{65} << 20;
+  std::string record(reinterpret_cast<const char*>(&kBytes), sizeof kBytes);
+  const uint32_t crc = data::MaskedCrc32c(record);
+  record.append(reinterpret_cast<const char*>(&crc), sizeof crc);
+  Write("a.tfrecord", record + WaymoRecording("long"));
+  const Result result = Maneuver({"import", "waymo", Path("out"), Path("a.tfrecord")});
+  EXPECT_EQ(result.status, kFailed);
+  EXPECT_THAT(result.err, HasSubstr("the record claims 68157440 bytes, more than the 67108864"));
 }
 
 TEST_F(ImportTest, AnIdCannotControlTheTerminal) {
