@@ -1,6 +1,7 @@
 #include "model/data/waymo_reader.h"
 
 #include <google/protobuf/arena.h>
+#include <google/protobuf/io/coded_stream.h>
 
 #include <algorithm>
 #include <array>
@@ -22,8 +23,12 @@
 namespace maneuver::data {
 namespace {
 
+using google::protobuf::io::CodedInputStream;
+
 constexpr double kMetersPerSecondPerMph = 0.44704;
 constexpr int kDefaultCurrentStep = 10;  // one second of past at 10 Hz
+// Ten times as many as 20 s of a thousand road users have.
+constexpr int64_t kMostMessages = 2'000'000;
 
 v1::AgentType TypeOf(const waymo::Track& track) {
   switch (track.object_type()) {
@@ -227,6 +232,60 @@ void AddSignals(const waymo::Scenario& recording, v1::Scenario* scenario) {
   for (auto& [lane, signal] : signals) *scenario->add_traffic_signals() = std::move(signal);
 }
 
+// Counts the messages inside a recording, of which an empty one takes two bytes and in memory forty
+// times as many. Returns false if the bytes are damaged or have groups, which Waymo's do not.
+//   depth: of the message that `input` is in, 0 for the recording
+bool CountMessages(CodedInputStream& input, int depth, int64_t* messages) {
+  constexpr uint32_t kTypeMask = 7, kTypeBits = 3;
+  while (const uint32_t tag = input.ReadTag()) {
+    uint64_t number = 0;
+    uint32_t length = 0;
+    switch (tag & kTypeMask) {
+      case 0:
+        if (!input.ReadVarint64(&number)) return false;
+        continue;
+      case 1:
+        if (!input.Skip(8)) return false;
+        continue;
+      case 2:
+        if (!input.ReadVarint32(&length) || length > uint32_t{INT32_MAX}) return false;
+        break;
+      case 5:
+        if (!input.Skip(4)) return false;
+        continue;
+      default:
+        return false;
+    }
+    ++*messages;
+    // Nothing else in a recording, and nothing in a state, lane, line or area, holds messages that
+    // are read.
+    static const std::set<uint32_t> kWithMessages = {waymo::Scenario::kTracksFieldNumber,
+                                                     waymo::Scenario::kDynamicMapStatesFieldNumber,
+                                                     waymo::Scenario::kMapFeaturesFieldNumber};
+    if (depth > 1 || (depth == 0 && !kWithMessages.contains(tag >> kTypeBits))) {
+      if (!input.Skip(static_cast<int>(length))) return false;
+      continue;
+    }
+    const auto limit = input.PushLimit(static_cast<int>(length));
+    if (!CountMessages(input, depth + 1, messages)) return false;
+    input.PopLimit(limit);
+  }
+  return input.ConsumedEntireMessage();
+}
+
+// Checks that a recording does not become far larger in memory than it is.
+absl::Status CheckSize(std::string_view serialized) {
+  CodedInputStream input(reinterpret_cast<const uint8_t*>(serialized.data()),
+                         static_cast<int>(serialized.size()));
+  int64_t messages = 0;
+  if (!CountMessages(input, 0, &messages)) {
+    return absl::InvalidArgumentError("not a serialised Waymo scenario");
+  }
+  if (messages <= kMostMessages) return absl::OkStatus();
+  return absl::InvalidArgumentError(absl::StrCat(
+      "the scenario has ", messages, " states, points and other parts; at most ", kMostMessages));
+}
+
 // Checks the recording as a whole.
 absl::Status Check(const waymo::Scenario& recording) {
   if (recording.tracks().empty()) return absl::InvalidArgumentError("the scenario has no tracks");
@@ -269,6 +328,7 @@ absl::Status Check(const waymo::Scenario& recording) {
 }  // namespace
 
 absl::StatusOr<v1::Scenario> ParseWaymoScenario(std::string_view serialized) {
+  if (absl::Status status = CheckSize(serialized); !status.ok()) return status;
   google::protobuf::Arena arena;
   auto& recording = *google::protobuf::Arena::CreateMessage<waymo::Scenario>(&arena);
   if (!recording.ParseFromArray(serialized.data(), static_cast<int>(serialized.size()))) {

@@ -23,8 +23,9 @@ namespace maneuver::data {
 // Lanes declare their successors (exit_lanes, and the entry_lanes of other lanes) and neighbours,
 // as many as ScenarioLimits accepts.
 //
-// INVALID_ARGUMENT if it does not parse, has no tracks, its times do not increase or do not match
-// its states, or current_time_index is none of them.
+// INVALID_ARGUMENT if it does not parse, has no tracks or more than two million states, points and
+// other parts, its times do not increase or do not match its states, or current_time_index is none
+// of them.
 absl::StatusOr<v1::Scenario> ParseWaymoScenario(std::string_view serialized);
 
 }  // namespace maneuver::data

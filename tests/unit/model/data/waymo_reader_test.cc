@@ -297,6 +297,27 @@ TEST(WaymoReaderTest, RefusesBytesThatAreNotARecording) {
   EXPECT_EQ(code(unordered.bytes()), kInvalid) << "time stands still";
 }
 
+TEST(WaymoReaderTest, RefusesARecordingOfMorePartsThanAnyHas) {
+  const auto problem = [](const std::string& bytes) {
+    return std::string(ParseWaymoScenario(bytes).status().message());
+  };
+  const auto many = [](int field) {
+    const std::string empty = Wire().Bytes(field, "").bytes();
+    std::string parts;
+    for (int i = 0; i <= 2'000'000; ++i) parts += empty;
+    return parts;
+  };
+  const std::string states = Wire().Bytes(2, many(3)).bytes();
+  const std::string points_of_a_lane = Wire().Message(8, Wire().Bytes(3, many(8))).bytes();
+  const std::string tracks = many(2);
+  for (const std::string& bytes : {states, points_of_a_lane, tracks}) {
+    EXPECT_THAT(problem(bytes), HasSubstr("at most 2000000"));
+  }
+  // What is in a group would not be counted.
+  EXPECT_EQ(problem(Recording({MovingTrack(1)}).bytes() + "\x63\x64"),
+            "not a serialised Waymo scenario");
+}
+
 TEST(WaymoReaderTest, RefusesMoreTimesOrSignalsThanAScenarioMayHave) {
   Wire long_recording;
   Wire track = Wire().Varint(1, 1).Varint(2, 1);
