@@ -435,9 +435,13 @@ void Networks::Restore(const Snapshot& snapshot) {
 void Networks::SilenceScenarioEncoders() {
   at::NoGradGuard no_grad;
   const std::string last =
-      "scenario_encoder." + std::to_string(spec_.scenario_encoder().hidden_size());
-  (*this)[last + ".weight"].zero_();
-  (*this)[last + ".bias"].zero_();
+      "scenario_encoder." + std::to_string(spec_.scenario_encoder().hidden_size()) + ".";
+  for (auto& [name, tensor] : tensors_) {
+    if (StartsWith(name, last) || StartsWith(name, "action_geometry.latent.") ||
+        IsResidualWeight(name)) {
+      tensor.zero_();
+    }
+  }
 }
 
 void Networks::SwitchOff(std::span<const int> actions) {

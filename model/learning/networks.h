@@ -68,8 +68,8 @@ class Networks {
   // Returns the covariance of p(x|z) for a spec whose covariance depends on z. [..., D] -> [..., T,
   // 3] xx, xy, yy, square metres
   at::Tensor PredictCovariance(const at::Tensor& latents) const;
-  // Makes the scenario encoders add nothing, so that q(z|y,s) is the generic action, as in the base
-  // objective.
+  // Makes what depends on the scene in p(x|z,y,s) and q(z|y,s) add nothing, so that both are those
+  // of the generic action, as in the base objective.
   void SilenceScenarioEncoders();
   // Makes p(y|s) = 0 for these actions from now on.
   void SwitchOff(std::span<const int> actions);

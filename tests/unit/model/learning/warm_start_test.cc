@@ -6,15 +6,19 @@
 
 #include <filesystem>
 #include <map>
+#include <numeric>
 #include <set>
+#include <vector>
 
 #include "model/artifact/model_folder.h"
 #include "model/data/dataset_folder.h"
+#include "model/inference/action_model.h"
 #include "model/learning/example_order.h"
 #include "model/learning/networks.h"
 #include "model/learning/scene_loader.h"
 #include "model/learning/trainer.h"
 #include "model/learning/training_failure.h"
+#include "model/scene/scene_reader.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
 #include "tests/unit/temporary_folder.h"
 
@@ -153,6 +157,46 @@ TEST_F(WarmStartTest, KeepsTheActionsOfTheStartAndSkipsTheFirstPhases) {
       EXPECT_NEAR(after.x(i), before.x(i), 0.05) << k;
       EXPECT_NEAR(after.y(i), before.y(i), 0.05) << k;
     }
+  }
+}
+
+TEST_F(WarmStartTest, ABaseModelKeepsNothingThatTheStartReadOfTheScene) {
+  TrainingRun run = Run("unified");
+  run.settings = TinyLanesSettings();
+  run.settings.mutable_optimization()->set_pretraining_epochs(4);
+  run.settings.mutable_optimization()->set_mixture_epochs(2);
+  run.settings.mutable_optimization()->set_joint_epochs(2);
+  const TrainingData data = *SplitRecordings(ArcRecordings(72), run.settings);
+  ASSERT_TRUE(Train(run, data).ok());
+  run.settings.mutable_model()->set_objective(v1::OBJECTIVE_BASE);
+  run.start_from = run.output;
+  run.output = folder_ / "base";
+  const auto base = Train(run, data);
+  ASSERT_TRUE(base.ok()) << base.status();
+
+  const auto model = inference::ActionModel::Load(run.output, {inference::Precision::kF32});
+  ASSERT_TRUE(model.ok()) << model.status();
+  const auto session = (*model)->NewSession();
+  const data::Example& example = data.validation.examples.at(0);
+  const v1::Scenario& recording =
+      data.validation.recordings.at(static_cast<size_t>(example.recording));
+  scene::SceneReader reader((*model)->spec());
+  scene::SceneInputs inputs = reader.NewInputs();
+  reader.Read(recording, scene::RoadMap::Over(recording.map_features()), example.time,
+              example.target_id, example.X_WT, &inputs);
+  const inference::SceneInput scene = inference::InputOf(inputs);
+  inference::SceneEncoding encoding;
+  session->Encode({&scene, 1}, {&encoding, 1});
+  std::vector<int> actions(static_cast<size_t>((*model)->spec().actions()));
+  std::iota(actions.begin(), actions.end(), 0);
+  const auto here = session->Describe(encoding, actions, inference::LatentSource::kPosterior);
+  const auto generic = session->Describe(encoding, actions, inference::LatentSource::kPrior);
+  for (const int k : actions) {
+    const auto action = static_cast<size_t>(k);
+    EXPECT_LT((here[action].latent_mean - generic[action].latent_mean).cwiseAbs().maxCoeff(), 1e-6);
+    EXPECT_LT((here[action].latent_stddev - generic[action].latent_stddev).cwiseAbs().maxCoeff(),
+              1e-6);
+    EXPECT_LT((here[action].mean() - generic[action].mean()).cwiseAbs().maxCoeff(), 1e-6) << k;
   }
 }
 
