@@ -62,8 +62,9 @@ std::vector<RecordingTurns> TurnsOf(std::span<const UnreadRecording> recordings,
 std::vector<EpochWindow> PlanWindows(std::span<const UnreadRecording> recordings,
                                      std::span<const double> weights, const WindowSizes& sizes,
                                      uint64_t seed, int epoch) {
-  std::vector<RecordingTurns> turns =
-      TurnsOf(recordings, weights, data::MixHash(seed, static_cast<uint64_t>(epoch)));
+  // The seed is hashed first: seed 1 at epoch 2 draws otherwise than seed 2 at epoch 1.
+  std::vector<RecordingTurns> turns = TurnsOf(
+      recordings, weights, data::MixHash(data::SplitMix64(seed), static_cast<uint64_t>(epoch)));
   std::vector<EpochWindow> windows;
   for (int64_t steps = 0; steps < sizes.epoch_steps; steps += windows.back().steps) {
     EpochWindow window;

@@ -261,8 +261,9 @@ std::vector<SceneLoader::Item> WindowItems(const v1::TrainingSettings& settings,
                                            int epoch) {
   const int64_t batch_size = settings.optimization().batch_size();
   const uint64_t seed = static_cast<uint64_t>(settings.seed());
-  const uint64_t hash = data::MixHash(data::MixHash(seed, static_cast<uint64_t>(epoch)),
-                                      static_cast<uint64_t>(window.first_step));
+  const uint64_t hash =
+      data::MixHash(data::MixHash(data::SplitMix64(seed), static_cast<uint64_t>(epoch)),
+                    static_cast<uint64_t>(window.first_step));
   std::vector<std::pair<uint64_t, int64_t>> order;
   for (int64_t i = 0; i < examples; ++i) {
     order.emplace_back(data::MixHash(hash, static_cast<uint64_t>(i)), i);

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <vector>
 
+#include "model/data/stable_hash.h"
 #include "model/learning/epoch_size.h"
 #include "model/learning/example_order.h"
 #include "model/learning/mixture_placement.h"
@@ -59,6 +60,11 @@ void PlaceOnce(const EncodedExamples& examples, const std::vector<int>& labels, 
 
 }  // namespace
 
+uint64_t PlacementSeed(uint64_t seed, int placement) {
+  if (placement == 0) return seed;
+  return data::MixHash(data::SplitMix64(seed), static_cast<uint64_t>(placement));
+}
+
 absl::Status PlaceMixture(LearningState& state, EpochLoop& loop) {
   if (state.stopped()) return absl::CancelledError("training was stopped");
   std::vector<int> labels;
@@ -76,7 +82,7 @@ absl::Status PlaceMixture(LearningState& state, EpochLoop& loop) {
   loop.progress().BeginPhase(kPlacePhase);
   for (int i = 0; i < placements; ++i) {
     state.networks.Restore(pretrained);
-    PlaceOnce(examples, labels, seed + static_cast<uint64_t>(i), state);
+    PlaceOnce(examples, labels, PlacementSeed(seed, i), state);
     const absl::StatusOr<double> loss = TryMixture(kPlacePhase, kPlacementEpochs, state, loop);
     if (!loss.ok()) return loss.status();
     if (i == 0 || *loss < best_loss) {

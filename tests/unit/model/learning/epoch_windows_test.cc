@@ -66,6 +66,7 @@ TEST(PlanWindowsTest, DependsOnSeedAndEpochAlone) {
   EXPECT_EQ(plan(1, 3), plan(1, 3));
   EXPECT_NE(plan(1, 3), plan(1, 4));
   EXPECT_NE(plan(1, 3), plan(2, 3));
+  EXPECT_NE(plan(1, 2), plan(2, 1));
 }
 
 TEST(PlanWindowsTest, TakesTheExamplesOfEachFolderByItsWeight) {

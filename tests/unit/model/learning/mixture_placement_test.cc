@@ -11,6 +11,7 @@
 
 #include "model/data/example_index.h"
 #include "model/learning/networks.h"
+#include "model/learning/phases/place.h"
 #include "model/learning/validation.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
 
@@ -330,6 +331,15 @@ TEST(MixturePlacementTest, LabelledComponentsLieAtTheirExamples) {
   }
   const PlacedMixture placed =
       PlaceLabelledMixture(v1::MIXTURE_PLACEMENT_TRAJECTORY_CLUSTERS, examples, labels, 2, 6, 1);
+TEST(MixturePlacementTest, EachPlacementOfEachRunHasASeedOfItsOwn) {
+  std::set<uint64_t> seeds;
+  for (const uint64_t seed : {1u, 2u, 3u}) {
+    EXPECT_EQ(PlacementSeed(seed, 0), seed);
+    for (int i = 0; i < 3; ++i) seeds.insert(PlacementSeed(seed, i));
+  }
+  EXPECT_EQ(seeds.size(), 9u);
+}
+
   EXPECT_EQ(placed.components.mean.size(0), 6);
   EXPECT_LT(NearestDistance(placed.components.mean.slice(0, 0, 1), at::tensor({3.F, 3.F})), 0.3);
   EXPECT_LT(NearestDistance(placed.components.mean.slice(0, 1, 2), at::tensor({-3.F, 3.F})), 0.3);

@@ -19,6 +19,7 @@
 #include "model/data/recording_split.h"
 #include "model/files/durable_file.h"
 #include "model/learning/recording_windows.h"
+#include "model/learning/scene_loader.h"
 #include "model/learning/trainer.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
 #include "tests/unit/temporary_folder.h"
@@ -102,6 +103,22 @@ TEST_F(WindowedTrainingTest, CountsTheExamplesThatAPassOverAllFinds) {
     }
     EXPECT_EQ(files, 1);
   }
+}
+
+TEST(WindowItemsTest, SeedsShareNoOrder) {
+  const auto order = [](int64_t seed, int epoch) {
+    v1::TrainingSettings settings = TinySettings();
+    settings.set_seed(seed);
+    EpochWindow window;
+    window.steps = 4;
+    std::vector<int64_t> examples;
+    for (const SceneLoader::Item& item : WindowItems(settings, 100, window, 0, epoch)) {
+      examples.push_back(item.example);
+    }
+    return examples;
+  };
+  EXPECT_EQ(order(1, 2), order(1, 2));
+  EXPECT_NE(order(1, 2), order(2, 1));
 }
 
 TEST_F(WindowedTrainingTest, FindsTheExamplesOfTheTrainingStride) {
