@@ -94,6 +94,17 @@ void Fill(const GroupedSums& part, const Eigen::MatrixXd& draws, const Names& na
   }
 }
 
+// Returns how much a metric of some examples counts in a mean over the folds. The metrics of
+// recorded manoeuvres are of the labelled examples alone.
+double WeightOf(std::string_view metric, int64_t examples,
+                const google::protobuf::Map<std::string, double>& metrics) {
+  if (metric == "nmi" || metric == "purity") {
+    const auto labelled = metrics.find("labelled_examples");
+    if (labelled != metrics.end()) return labelled->second;
+  }
+  return static_cast<double>(examples);
+}
+
 // One model's measurements of a set, and the number of its seed.
 struct SetRun {
   size_t seed = 0;
@@ -108,9 +119,9 @@ std::map<std::string, v1::ModelRange> RangesOf(std::span<const SetRun> runs, siz
   std::map<std::string, Sum> sums;
   std::map<std::string, v1::ModelRange> ranges;
   for (const SetRun& run : runs) {
-    const auto weight = static_cast<double>(run.set->examples_size());
     for (const auto& [name, value] : run.set->set_metrics()) {
-      if (name == "calibration_error") continue;  // Fill bootstraps it
+      if (name == "calibration_error") continue;  // is of all folds together
+      const double weight = WeightOf(name, run.set->examples_size(), run.set->set_metrics());
       Sum& sum = sums[name];
       sum.values.resize(seeds);
       sum.weights.resize(seeds);
@@ -134,7 +145,7 @@ std::map<std::string, v1::ModelRange> RangesOf(std::span<const SetRun> runs, siz
 
 // A set metric of a model without the examples of a block of groups.
 struct LeftOut {
-  double examples = 0.0;  // that are left
+  double weight = 0.0;
   double value = 0.0;
 };
 
@@ -148,9 +159,9 @@ std::optional<LeftOut> WithoutBlock(const v1::MeasuredSet& set, int block,
     if (without.examples() == 0) return LeftOut();
     const auto left = without.set_metrics().find(metric);
     if (left == without.set_metrics().end()) return std::nullopt;
-    return LeftOut{static_cast<double>(without.examples()), left->second};
+    return LeftOut{WeightOf(metric, without.examples(), without.set_metrics()), left->second};
   }
-  return LeftOut{static_cast<double>(set.examples_size()), value->second};
+  return LeftOut{WeightOf(metric, set.examples_size(), set.set_metrics()), value->second};
 }
 
 // Returns a range's value without the examples of a block, nothing if it cannot be known.
@@ -161,8 +172,8 @@ std::optional<double> ValueWithoutBlock(std::span<const SetRun> runs, size_t see
   for (const SetRun& run : runs) {
     const std::optional<LeftOut> left = WithoutBlock(*run.set, block, metric);
     if (!left) return std::nullopt;
-    sums[run.seed] += left->examples * left->value;
-    weights[run.seed] += left->examples;
+    sums[run.seed] += left->weight * left->value;
+    weights[run.seed] += left->weight;
   }
   double value = 0.0;
   for (size_t seed = 0; seed < seeds; ++seed) {

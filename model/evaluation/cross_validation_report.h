@@ -17,9 +17,9 @@ namespace maneuver::evaluation {
 //   differences        of two means over the same examples
 //   calibration_error  as in ActionStatistics, from the examples of all folds together
 // Other metrics of whole sets (mutual_information, nmi, ...) are measured for each model on its
-// set, and averaged. They have the range over the models, and an interval by the jackknife over the
-// same groups (bootstrap.h): drawing a group twice would make clusters and classes look more alike
-// than they are.
+// set, and averaged: nmi and purity by labelled examples, the others by all. They have the range
+// over the models, and an interval by the jackknife over the same groups (bootstrap.h): drawing a
+// group twice would make clusters and classes look more alike than they are.
 v1::CrossValidationReport MakeCrossValidationReport(const v1::CrossValidationPart& whole,
                                                     const BootstrapOptions& options);
 

@@ -428,6 +428,40 @@ TEST_F(CrossValidationReportTest, TheTextNamesTargetTypesIfThereAreSeveral) {
   for (const char* type : {"vehicle", "pedestrian"}) {
     EXPECT_EQ(CrossValidationText(report, false).find("BY TYPE"), std::string::npos);
     v1::CrossValidatedPart& part = *report.mutable_sets(0)->add_strata();
+// Of 1,000 examples each, the first fold has 10 with a manoeuvre and the second one 900.
+TEST(CrossValidationIntervalTest, FoldsCountForRecordedManeuversByTheirLabelledExamples) {
+  v1::CrossValidationPart part = Part({{1, 0}, {1, 1}});
+  for (v1::FoldRun& run : *part.mutable_runs()) {
+    const int fold = run.fold();
+    v1::MeasuredSet& set = *run.mutable_held_out();
+    set.clear_examples();
+    for (int i = 0; i < 1000; ++i) {
+      AddExample(set, kFolds * (i % (kRecordings / kFolds)) + fold, 1.0, 1.0, 1.0, 0);
+    }
+    const auto fill = [fold](double labelled, auto& metrics) {
+      metrics["labelled_examples"] = labelled;
+      for (const char* name : {"purity", "purity_relative"}) metrics[name] = fold == 0 ? 1.0 : 0.6;
+    };
+    const double labelled = fold == 0 ? 10.0 : 900.0;
+    fill(labelled, *set.mutable_set_metrics());
+    // Each fold has a block with a tenth of its examples and labels.
+    v1::SetWithoutBlock& without = *set.add_without();
+    without.set_block(fold);
+    without.set_examples(900);
+    fill(0.9 * labelled, *without.mutable_set_metrics());
+  }
+  const auto whole = MergeParts({part});
+  ASSERT_TRUE(whole.ok()) << whole.status();
+  const v1::CrossValidationReport report = MakeCrossValidationReport(*whole, {.resamples = 100});
+  const v1::ModelRange& purity = report.sets(0).set_metrics().at("purity");
+  EXPECT_NEAR(purity.value(), (10.0 + 0.6 * 900.0) / 910.0, 1e-12);
+  const double without_first = (9.0 + 0.6 * 900.0) / 909.0;
+  const double without_second = (10.0 + 0.6 * 810.0) / 820.0;
+  // The jackknife's error of two values is half of their difference.
+  EXPECT_NEAR(purity.upper() - purity.value(), 1.96 * 0.5 * (without_second - without_first), 1e-6);
+  EXPECT_NEAR(report.sets(0).set_metrics().at("purity_relative").value(), 0.8, 1e-12);
+}
+
     part.set_dimension("type");
     part.set_name(type);
     part.set_examples(7);
