@@ -54,4 +54,10 @@ double JackknifeError(std::span<const double> without) {
   return std::sqrt(squares * (count - 1.0) / count);
 }
 
+Interval JackknifeInterval(double value, std::span<const double> without) {
+  constexpr double kNormal95 = 1.959964;
+  const double half = kNormal95 * JackknifeError(without);
+  return {value - half, value + half};
+}
+
 }  // namespace maneuver::evaluation

@@ -34,6 +34,10 @@ Interval PercentileInterval(std::vector<double> values);
 //   without: the figure without each of the G groups in turn; at least two
 double JackknifeError(std::span<const double> without);
 
+// Returns the jackknife's 95 % interval of a figure, value +- 1.96 standard errors.
+//   without: as above
+Interval JackknifeInterval(double value, std::span<const double> without);
+
 }  // namespace maneuver::evaluation
 
 #endif  // MANEUVER_MODEL_EVALUATION_BOOTSTRAP_H_

@@ -80,7 +80,7 @@ void Fill(const GroupedSums& part, const Eigen::MatrixXd& draws, const Names& na
     metrics[std::string(ratio.name)] =
         estimator.Estimate(RatioFigure(columns.value(*numerator), columns.value(*denominator)));
   }
-  metrics["calibration_error"] = estimator.Estimate(CalibrationErrorOf(columns));
+  metrics["calibration_error"] = EstimateByJackknife(part, CalibrationErrorOf(columns));
   proto.set_examples(std::llround(part.Total(0)[0]) / models);
   proto.set_groups(part.groups());
   if (proto.examples() < kLeastComparedExamples) return;
@@ -192,7 +192,6 @@ bool HasInterval(std::string_view metric) {
 // Sets the intervals of the ranges whose models have what is needed.
 void AddIntervals(std::span<const SetRun> runs, size_t seeds,
                   std::map<std::string, v1::ModelRange>& ranges) {
-  constexpr double kNormal95 = 1.959964;
   std::set<int> blocks;
   for (const SetRun& run : runs) {
     if (run.set->without().empty()) return;
@@ -206,9 +205,9 @@ void AddIntervals(std::span<const SetRun> runs, size_t seeds,
       if (value) values.push_back(*value);
     }
     if (values.size() < 2 || values.size() < blocks.size()) continue;
-    const double half = kNormal95 * JackknifeError(values);
-    range.set_lower(range.value() - half);
-    range.set_upper(range.value() + half);
+    const Interval interval = JackknifeInterval(range.value(), values);
+    range.set_lower(interval.lower);
+    range.set_upper(interval.upper);
   }
 }
 

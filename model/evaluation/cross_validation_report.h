@@ -15,7 +15,8 @@ namespace maneuver::evaluation {
 //   means              sum of the values / number of examples
 //   ratios             of two means (MetricRatios)
 //   differences        of two means over the same examples
-//   calibration_error  as in ActionStatistics, from the examples of all folds together
+//   calibration_error  as in ActionStatistics, from the examples of all folds together; its
+//                      interval is by the jackknife (EstimateByJackknife)
 // Other metrics of whole sets (mutual_information, nmi, ...) are measured for each model on its
 // set, and averaged: nmi and purity by labelled examples, the others by all. They have the range
 // over the models, and an interval by the jackknife over the same groups (bootstrap.h): drawing a

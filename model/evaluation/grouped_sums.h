@@ -47,6 +47,8 @@ class GroupedSums {
 
   // Returns the sums over all groups. [columns]
   Eigen::VectorXd Total(size_t seed) const;
+  // Returns the sums over each group, by its number. [columns] each
+  const std::map<int, Eigen::VectorXd>& OfGroups(size_t seed) const { return sums_[seed]; }
   // Returns the sums over the groups of each draw. [columns, draws]
   //   draws: as DrawGroups returns them, [draws, all groups]
   Eigen::MatrixXd Drawn(size_t seed, const Eigen::MatrixXd& draws) const;
@@ -72,6 +74,13 @@ class Estimator {
   std::vector<Eigen::VectorXd> totals_;  // of each seed
   std::vector<Eigen::MatrixXd> drawn_;   // of each seed, [columns, draws]
 };
+
+// Returns the same estimate with an interval by the jackknife over the part's groups (bootstrap.h).
+// It is for figures that noise makes larger, such as a sum of absolute values: drawn groups have
+// more noise than the groups themselves, so the bootstrap's interval would lie too high. The
+// interval of a single group has no width.
+//   part: must have an example for each seed
+v1::Estimate EstimateByJackknife(const GroupedSums& part, const Figure& figure);
 
 }  // namespace maneuver::evaluation
 

@@ -238,6 +238,53 @@ TEST_F(CrossValidationReportTest, TheCalibrationErrorCoversAllFolds) {
               std::abs(0.75 - right / examples), 1e-12);
 }
 
+// The error is |0.75 - q| with the mean q over the examples, so the delta method gives its variance
+// as that of a mean.
+TEST_F(CrossValidationReportTest, TheCalibrationErrorsIntervalMatchesTheDeltaMethod) {
+  double right = 0.0;
+  double examples = 0.0;
+  for (int i = 0; i < kRecordings; ++i) {
+    right += i % 2 == 0 ? i % 3 + 1 : 0;
+    examples += i % 3 + 1;
+  }
+  double squares = 0.0;
+  for (int i = 0; i < kRecordings; ++i) {
+    squares += std::pow((i % 3 + 1) * ((i % 2 == 0 ? 1.0 : 0.0) - right / examples), 2);
+  }
+  const double half = 1.96 * std::sqrt(squares) / examples;
+  const v1::Estimate& error = set().overall().metrics().at("calibration_error");
+  EXPECT_NEAR(error.lower(), error.value() - half, 0.02 * half);
+  EXPECT_NEAR(error.upper(), error.value() + half, 0.02 * half);
+}
+
+// Predictions that are right as often as they say, so that the calibration error is noise.
+TEST(CrossValidationIntervalTest, NoiseDoesNotShiftTheIntervalOfTheCalibrationError) {
+  constexpr int kDataSets = 50;
+  std::mt19937_64 random(3);
+  std::uniform_real_distribution<double> uniform(0.0, 1.0);
+  double values = 0.0;
+  double middles = 0.0;
+  for (int i = 0; i < kDataSets; ++i) {
+    v1::CrossValidationPart part = Part({{1, 0}, {1, 1}});
+    for (v1::FoldRun& run : *part.mutable_runs()) {
+      run.mutable_held_out()->clear_examples();
+      for (int j = run.fold(); j < kRecordings; j += kFolds) {
+        AddExample(*run.mutable_held_out(), j, 1.0, 1.0, 1.0, 0);
+        v1::MeasuredExample& example = *run.mutable_held_out()->mutable_examples()->rbegin();
+        example.set_confidence(uniform(random));
+        example.set_responsibility(uniform(random) < example.confidence() ? 1.0 : 0.0);
+      }
+    }
+    const auto whole = MergeParts({part});
+    ASSERT_TRUE(whole.ok()) << whole.status();
+    const v1::CrossValidationReport report = MakeCrossValidationReport(*whole, {.resamples = 100});
+    const v1::Estimate& error = report.sets(0).overall().metrics().at("calibration_error");
+    values += error.value() / kDataSets;
+    middles += 0.5 * (error.lower() + error.upper()) / kDataSets;
+  }
+  EXPECT_NEAR(middles, values, 0.05 * values);
+}
+
 TEST_F(CrossValidationReportTest, PairedIntervalsDecideWhereTheModelIsAhead) {
   ASSERT_EQ(set().overall().comparisons_size(), 2);
   const v1::RivalComparison& cv = set().overall().comparisons(0);
@@ -381,6 +428,40 @@ TEST(CrossValidationIntervalTest, AMetricOfWholeSetsHasAnInterval) {
   EXPECT_FALSE(report.sets(0).set_metrics().at("effective_actions").has_lower());
 }
 
+// Of 1,000 examples each, the first fold has 10 with a manoeuvre and the second one 900.
+TEST(CrossValidationIntervalTest, FoldsCountForRecordedManeuversByTheirLabelledExamples) {
+  v1::CrossValidationPart part = Part({{1, 0}, {1, 1}});
+  for (v1::FoldRun& run : *part.mutable_runs()) {
+    const int fold = run.fold();
+    v1::MeasuredSet& set = *run.mutable_held_out();
+    set.clear_examples();
+    for (int i = 0; i < 1000; ++i) {
+      AddExample(set, kFolds * (i % (kRecordings / kFolds)) + fold, 1.0, 1.0, 1.0, 0);
+    }
+    const auto fill = [fold](double labelled, auto& metrics) {
+      metrics["labelled_examples"] = labelled;
+      for (const char* name : {"purity", "purity_relative"}) metrics[name] = fold == 0 ? 1.0 : 0.6;
+    };
+    const double labelled = fold == 0 ? 10.0 : 900.0;
+    fill(labelled, *set.mutable_set_metrics());
+    // Each fold has a block with a tenth of its examples and labels.
+    v1::SetWithoutBlock& without = *set.add_without();
+    without.set_block(fold);
+    without.set_examples(900);
+    fill(0.9 * labelled, *without.mutable_set_metrics());
+  }
+  const auto whole = MergeParts({part});
+  ASSERT_TRUE(whole.ok()) << whole.status();
+  const v1::CrossValidationReport report = MakeCrossValidationReport(*whole, {.resamples = 100});
+  const v1::ModelRange& purity = report.sets(0).set_metrics().at("purity");
+  EXPECT_NEAR(purity.value(), (10.0 + 0.6 * 900.0) / 910.0, 1e-12);
+  const double without_first = (9.0 + 0.6 * 900.0) / 909.0;
+  const double without_second = (10.0 + 0.6 * 810.0) / 820.0;
+  // The jackknife's error of two values is half of their difference.
+  EXPECT_NEAR(purity.upper() - purity.value(), 1.96 * 0.5 * (without_second - without_first), 1e-6);
+  EXPECT_NEAR(report.sets(0).set_metrics().at("purity_relative").value(), 0.8, 1e-12);
+}
+
 TEST(CrossValidationSmallPartsTest, DoesNotComparePartsWithFewExamples) {
   v1::CrossValidationPart part = Part({{1, 0}, {1, 1}});
   for (v1::FoldRun& run : *part.mutable_runs()) {
@@ -428,40 +509,6 @@ TEST_F(CrossValidationReportTest, TheTextNamesTargetTypesIfThereAreSeveral) {
   for (const char* type : {"vehicle", "pedestrian"}) {
     EXPECT_EQ(CrossValidationText(report, false).find("BY TYPE"), std::string::npos);
     v1::CrossValidatedPart& part = *report.mutable_sets(0)->add_strata();
-// Of 1,000 examples each, the first fold has 10 with a manoeuvre and the second one 900.
-TEST(CrossValidationIntervalTest, FoldsCountForRecordedManeuversByTheirLabelledExamples) {
-  v1::CrossValidationPart part = Part({{1, 0}, {1, 1}});
-  for (v1::FoldRun& run : *part.mutable_runs()) {
-    const int fold = run.fold();
-    v1::MeasuredSet& set = *run.mutable_held_out();
-    set.clear_examples();
-    for (int i = 0; i < 1000; ++i) {
-      AddExample(set, kFolds * (i % (kRecordings / kFolds)) + fold, 1.0, 1.0, 1.0, 0);
-    }
-    const auto fill = [fold](double labelled, auto& metrics) {
-      metrics["labelled_examples"] = labelled;
-      for (const char* name : {"purity", "purity_relative"}) metrics[name] = fold == 0 ? 1.0 : 0.6;
-    };
-    const double labelled = fold == 0 ? 10.0 : 900.0;
-    fill(labelled, *set.mutable_set_metrics());
-    // Each fold has a block with a tenth of its examples and labels.
-    v1::SetWithoutBlock& without = *set.add_without();
-    without.set_block(fold);
-    without.set_examples(900);
-    fill(0.9 * labelled, *without.mutable_set_metrics());
-  }
-  const auto whole = MergeParts({part});
-  ASSERT_TRUE(whole.ok()) << whole.status();
-  const v1::CrossValidationReport report = MakeCrossValidationReport(*whole, {.resamples = 100});
-  const v1::ModelRange& purity = report.sets(0).set_metrics().at("purity");
-  EXPECT_NEAR(purity.value(), (10.0 + 0.6 * 900.0) / 910.0, 1e-12);
-  const double without_first = (9.0 + 0.6 * 900.0) / 909.0;
-  const double without_second = (10.0 + 0.6 * 810.0) / 820.0;
-  // The jackknife's error of two values is half of their difference.
-  EXPECT_NEAR(purity.upper() - purity.value(), 1.96 * 0.5 * (without_second - without_first), 1e-6);
-  EXPECT_NEAR(report.sets(0).set_metrics().at("purity_relative").value(), 0.8, 1e-12);
-}
-
     part.set_dimension("type");
     part.set_name(type);
     part.set_examples(7);
