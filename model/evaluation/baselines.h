@@ -43,7 +43,8 @@ Trajectory ConstantTurnRateAndAcceleration(const Motion& motion,
 
 // Returns the faded roll-out (scene::RollOut, FADING_MOTION; scene::EstimateMotion): acceleration
 // and turn rate, shrunk by the noise of their estimates, fade within about a second. Models with
-// this reference predict relative to it.
+// this reference predict relative to it if they have version 2 of the inputs
+// (scene/inputs_version.h).
 //   agent: must have a state at `time`; later states are ignored.
 //   X_WT: pose of the agent at `time` in the world.
 //   waypoint_times: [T] seconds.
