@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <string>
 
 #include "absl/strings/str_cat.h"
@@ -74,12 +75,21 @@ void ScaleLogits(Networks& networks, double temperature) {
   networks[last + ".bias"].div_(temperature);
 }
 
+// Gives predictions the temperature that their networks have now. What a trajectory tells of its
+// action, q(y|x,s) / p(y|s), stays.
+void SetTemperature(double temperature, Predictions& predictions) {
+  const at::Tensor before = predictions.log_probabilities;
+  predictions.log_probabilities = at::log_softmax(before / temperature, 1);
+  at::Tensor& log_q = predictions.log_responsibilities;
+  if (log_q.defined()) log_q = at::log_softmax(log_q - before + predictions.log_probabilities, 1);
+}
+
 // Fits the temperature of p(y|s). Returns it.
 double CalibrateProbabilities(Networks& networks, Predictions& held_out) {
   const double temperature =
       FitTemperature(held_out.log_probabilities, held_out.log_responsibilities);
   ScaleLogits(networks, temperature);
-  held_out.log_probabilities = at::log_softmax(held_out.log_probabilities / temperature, 1);
+  SetTemperature(temperature, held_out);
   return temperature;
 }
 
@@ -103,20 +113,35 @@ void CalibrateAlongHorizon(Networks& networks, const Predictions& held_out, doub
 }  // namespace
 
 double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log_responsibilities) {
-  const at::Tensor q = log_responsibilities.exp();
-  const auto cross_entropy = [&](double log_temperature) {
-    return -(q * at::log_softmax(log_probabilities * std::exp(-log_temperature), 1))
-                .sum(1)
-                .mean()
-                .item<double>();
+  const at::Tensor log_p = log_probabilities.to(at::kDouble);
+  // v. It is -inf where q is 0, as in the one-hot q of anchors.
+  const at::Tensor evidence = log_responsibilities.to(at::kDouble) - log_p;
+  const auto loss = [&](double log_temperature) {
+    const at::Tensor tempered = at::log_softmax(log_p * std::exp(-log_temperature), 1);
+    return -at::logsumexp(tempered + evidence, 1).mean().item<double>();
   };
-  // It has one minimum in the inverse temperature: golden-section search.
+  // It may have several minima. The least of a few steps, from T = 1 on:
+  constexpr double kStep = 0.25 * std::numbers::ln2;
+  constexpr int kSteps = 8;  // to 4 and to 1/4
+  double middle = 0.0;
+  double least = loss(middle);
+  for (int i = 1; i <= kSteps; ++i) {
+    for (const double there : {i * kStep, -i * kStep}) {
+      const double value = loss(there);
+      if (value < least) {
+        least = value;
+        middle = there;
+      }
+    }
+  }
+  // And around it golden-section search.
   constexpr double kGolden = 0.6180339887498949;
-  double low = std::log(0.25), high = std::log(4.0);
-  for (int i = 0; i < 30; ++i) {
+  double low = std::max(middle - kStep, -kSteps * kStep);
+  double high = std::min(middle + kStep, kSteps * kStep);
+  for (int i = 0; i < 25; ++i) {
     const double a = high - kGolden * (high - low);
     const double b = low + kGolden * (high - low);
-    if (cross_entropy(a) < cross_entropy(b)) {
+    if (loss(a) < loss(b)) {
       high = b;
     } else {
       low = a;
@@ -162,7 +187,7 @@ absl::Status CalibrateModel(Networks& networks, const SceneSource& training_sour
   }
   if (has_held_out && optimization.calibrate_probabilities()) {
     const double temperature = CalibrateProbabilities(networks, held_out);
-    training.log_probabilities = at::log_softmax(training.log_probabilities / temperature, 1);
+    SetTemperature(temperature, training);
   }
   if (fixed) {
     at::NoGradGuard no_grad;

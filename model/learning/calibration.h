@@ -18,8 +18,11 @@ namespace maneuver::learning {
 using artifact::CalibrationExamples;
 using artifact::kFewestHeldOut;
 
-// Returns the temperature of the softmax p(y|s), in [1/4, 4], that makes held-out q(y|x,s) most
-// likely. Both arguments are [N, K].
+// Returns the temperature T of the softmax p(y|s), in [1/4, 4], that makes held-out trajectories
+// most likely. It maximises
+//   L(T) = sum_i ln sum_y p_T(y|s_i) e^(v_iy),  v = ln q(y|x,s) - ln p(y|s),
+// where v is what the trajectory tells of its action. Both arguments are [N, K], at T = 1; ln q may
+// be -inf.
 double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log_responsibilities);
 
 // Calibrates what the settings ask for, in this order, each with the earlier ones in place:

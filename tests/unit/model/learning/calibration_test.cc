@@ -144,12 +144,38 @@ TEST(CalibrationTest, FewerExamplesWhereTheirPredictionsWouldExceedTheMemory) {
   EXPECT_EQ(artifact::CalibrationExamplesIn(spec, 0).held_out, kFewestHeldOut);
 }
 
-TEST(CalibrationTest, TemperatureUndoesOverconfidence) {
+// Two actions, of which the likelier one is right with log-odds 1 and predicted with log-odds
+// `predicted`. A trajectory tells its action by log-likelihood ratios of +-2, give or take 2, which
+// is what such ratios do that are normal: their variance is twice their mean.
+TEST(CalibrationTest, TheTemperatureIsTheMostLikelyOneWhereTrajectoriesTellLittle) {
+  constexpr int64_t kDraws = 40'000;
   at::Generator generator = MakeGenerator(1);
-  const at::Tensor logits = at::empty({4000, 5}, at::kFloat).normal_(0.0, 1.0, generator);
-  const at::Tensor log_q = at::log_softmax(logits, 1);
-  EXPECT_NEAR(FitTemperature(at::log_softmax(2.0 * logits, 1), log_q), 2.0, 0.02);
-  EXPECT_NEAR(FitTemperature(log_q, log_q), 1.0, 0.01);
+  const auto log_odds = [](const at::Tensor& odds) {  // of the first action, [N] -> [N, 2]
+    return at::log_softmax(at::stack({odds, at::zeros_like(odds)}, 1), 1);
+  };
+  const at::Tensor likelier =
+      at::empty({kDraws}, at::kFloat).bernoulli_(0.5, generator) * 2.0 - 1.0;
+  const at::Tensor right =
+      at::empty({kDraws}, at::kFloat).bernoulli_(1.0 / (1.0 + std::exp(-1.0)), generator) * 2.0 -
+      1.0;
+  const at::Tensor ratio =
+      2.0 * likelier * right + at::empty({kDraws}, at::kFloat).normal_(0.0, 2.0, generator);
+  for (const double predicted : {3.0, 1.0, 0.5}) {
+    const at::Tensor log_p = log_odds(predicted * likelier);
+    const at::Tensor log_q = log_odds(predicted * likelier + ratio);
+    EXPECT_NEAR(FitTemperature(log_p, log_q), predicted, 0.07 * predicted);
+  }
+}
+
+// Anchors have one-hot q(y|x,s): then the temperature is that of a classifier.
+TEST(CalibrationTest, TheTemperatureOfKnownActionsUndoesOverconfidence) {
+  at::Generator generator = MakeGenerator(1);
+  const at::Tensor logits = at::randn({20'000, 5}, generator) * 1.5;
+  const at::Tensor actions =
+      at::softmax(logits, 1).multinomial(1, /*replacement=*/true, generator).squeeze(1);
+  const at::Tensor log_q = at::one_hot(actions, 5).log();  // 0 and -inf
+  EXPECT_NEAR(FitTemperature(at::log_softmax(2.0 * logits, 1), log_q), 2.0, 0.06);
+  EXPECT_NEAR(FitTemperature(at::log_softmax(logits, 1), log_q), 1.0, 0.03);
 }
 
 TEST(MomentsTest, WaypointLogLikelihoodIsThatOfAMixtureOfGaussians) {

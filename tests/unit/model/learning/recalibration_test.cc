@@ -18,8 +18,14 @@
 #include "model/data/dataset_folder.h"
 #include "model/evaluation/evaluator.h"
 #include "model/inference/action_model.h"
+#include "model/learning/calibration.h"
+#include "model/learning/covariance_fit.h"
+#include "model/learning/networks.h"
+#include "model/learning/predictions.h"
+#include "model/learning/speed_factors.h"
 #include "model/learning/trainer.h"
 #include "model/learning/training_failure.h"
+#include "model/learning/validation.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
 #include "tests/unit/temporary_folder.h"
 
@@ -172,6 +178,36 @@ TEST_P(RecalibrationTest, MendsWrongWidthsOnOtherRecordingsAndKeepsTheNetworks) 
       EXPECT_EQ(manifest->actions(k).derived_name(), spoilt.manifest.actions(k).derived_name());
       EXPECT_EQ(manifest->actions(k).usage(), spoilt.manifest.actions(k).usage());
     }
+  }
+}
+
+// Widths are fitted to each example's own action, and which one that is depends on p(y|s).
+TEST_P(RecalibrationTest, TheCoveredShareIsThatOfTheMendedProbabilities) {
+  Learn();
+  Spoil(1.0F, 3.0F);
+  const TrainingData data = *SplitRecordings(Recordings("b", 60), settings_);
+  at::Generator generator = MakeGenerator(1);
+  Networks networks(settings_.model(), at::Device(at::kCPU), generator);
+  networks.Standardize(Trajectories(data.training.examples), false);
+  networks.Import(artifact::ReadModelFolder(folder_ / "spoilt")->weights);
+  const SceneSource source(settings_.model(), data.training, 1);
+  constexpr int64_t kMost = 3072;
+  const double share = settings_.optimization().covered_share();
+  const auto stopped = [] { return false; };
+  ASSERT_TRUE(RecalibrateModel(networks, source, kMost, share, 1, stopped, {}).ok());
+
+  const Predictions mended =
+      Predict(networks, EncodeExamples(networks, source, kMost, 1, stopped, {}));
+  const bool by_scene = networks.spec().has_scene_covariance();
+  at::NoGradGuard no_grad;
+  const at::Tensor covariance =
+      by_scene ? WithSpeedFactors(mended, networks[width_]) : networks["decoder.covariance"];
+  const double covered = CoveredShare(mended, covariance);
+  const double waypoint = 2.0 / static_cast<double>(mended.trajectories.numel());
+  EXPECT_GE(covered, share - 1.5 * waypoint);
+  // Where the scene predicts the covariance, it is as narrow as that.
+  if (by_scene) {
+    EXPECT_LE(covered, share + 1.5 * waypoint);
   }
 }
 
