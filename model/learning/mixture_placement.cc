@@ -233,7 +233,8 @@ PlacedMixture PlaceLabelledMixture(v1::MixturePlacement placement, const Encoded
       actions - labelled, seed);
   return {{at::cat({placed.components.mean, rest.components.mean}),
            at::cat({placed.components.log_variance, rest.components.log_variance})},
-          EvenWeights(actions)};
+          EvenWeights(actions),
+          rest.centers};
 }
 
 }  // namespace maneuver::learning

@@ -16,7 +16,8 @@ namespace maneuver::learning {
 struct PlacedMixture {
   Gaussian components;     // [K, D]
   at::Tensor log_weights;  // [K], normalised
-  // The clusters' centres in the space of ClusterSpace, [K, S]; undefined for other placements.
+  // The clusters' centres in the space of ClusterSpace, [C, S]; undefined for other placements.
+  // They are of the last C components; those before them were placed by labels.
   at::Tensor centers = {};
 };
 

@@ -43,7 +43,8 @@ struct LearningState {
   const SceneSource validation;
   at::Generator generator;
   Networks networks;
-  // Centres of the clusters that the mixture was placed by; undefined if there are none.
+  // Centres of the clusters that the mixture was placed by, those of the last actions
+  // (PlacedMixture); undefined if there are none.
   at::Tensor centers;
   // Number of tracks that the training examples come from. Windows of one track resemble each
   // other, so the number of examples would overstate what was observed.

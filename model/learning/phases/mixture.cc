@@ -28,21 +28,23 @@ void FollowWeightCounts(const at::Tensor& responsibilities, LearningState& state
           .log());
 }
 
-// The cluster that the mixture was placed by of each trajectory. [B]
-at::Tensor ClustersOf(const at::Tensor& trajectories, const LearningState& state) {
-  return NearestClusters(state.settings.optimization().mixture_placement(), state.centers,
-                         trajectories.cpu(), ScaleOf(state.settings))
-      .to(state.networks.device());
+// The action of each trajectory: the known one, or else that of its cluster. [B]
+at::Tensor ClusteredActions(const TrajectoryBatch& batch, const LearningState& state) {
+  const int64_t first = state.settings.model().actions() - state.centers.size(0);
+  const at::Tensor actions =
+      first + NearestClusters(state.settings.optimization().mixture_placement(), state.centers,
+                              batch.trajectories.cpu(), ScaleOf(state.settings))
+                  .to(state.networks.device());
+  return batch.labels.defined() ? at::where(batch.labels >= 0, batch.labels, actions) : actions;
 }
 
-at::Tensor MixtureLoss(const at::Tensor& x, const Moment& moment, int epochs, LearningState& state,
-                       TermMeans* means) {
+at::Tensor MixtureLoss(const TrajectoryBatch& batch, const Moment& moment, int epochs,
+                       LearningState& state, TermMeans* means) {
   const v1::OptimizationSettings& optimization = state.settings.optimization();
-  SceneBatch batch{x, {}, {}};
-  if (state.centers.defined() && moment.epoch < optimization.clustered_share() * epochs) {
-    batch.labels = ClustersOf(x, state);
-  }
-  BaseModel model = ApplyBase(state.networks, batch, state.NoiseDrawn());
+  const bool clustered =
+      state.centers.defined() && moment.epoch < optimization.clustered_share() * epochs;
+  const at::Tensor labels = clustered ? ClusteredActions(batch, state) : batch.labels;
+  BaseModel model = ApplyBase(state.networks, {batch.trajectories, {}, labels}, state.NoiseDrawn());
   const bool by_bayes = optimization.weight_concentration() > 0.0;
   if (by_bayes) model.log_p_y = ExpectedLogWeights(WeightCounts(state.networks));
   const BoundTerms terms = BaseBound(model);
@@ -52,7 +54,7 @@ at::Tensor MixtureLoss(const at::Tensor& x, const Moment& moment, int epochs, Le
   weights.action = weights.latent_divergence = moment.divergence_share;
   const at::Tensor loss = Loss(terms, weights);
   const double cluster_weight = optimization.cluster_weight();
-  if (cluster_weight <= 0.0 || !batch.labels.defined()) return loss;
+  if (cluster_weight <= 0.0 || !clustered) return loss;
   return loss + cluster_weight * HeldCrossEntropy(model).mean();
 }
 
@@ -62,8 +64,9 @@ TrajectoryPhase MixturePhase(const std::string& name, int epochs, LearningState&
   phase.epochs = epochs;
   phase.parts = {Networks::Part::kTrajectoryEncoder, Networks::Part::kDecoder,
                  Networks::Part::kMixture};
-  phase.loss = [&state, epochs](const at::Tensor& x, const Moment& moment, TermMeans* means) {
-    return MixtureLoss(x, moment, epochs, state, means);
+  phase.loss = [&state, epochs](const TrajectoryBatch& batch, const Moment& moment,
+                                TermMeans* means) {
+    return MixtureLoss(batch, moment, epochs, state, means);
   };
   phase.has_mixture = true;
   return phase;

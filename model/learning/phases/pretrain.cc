@@ -13,7 +13,8 @@ absl::Status Pretrain(LearningState& state, EpochLoop& loop) {
   phase.name = kPretrainPhase;
   phase.epochs = state.settings.optimization().pretraining_epochs();
   phase.parts = {Networks::Part::kTrajectoryEncoder, Networks::Part::kDecoder};
-  phase.loss = [&](const at::Tensor& x, const Moment& moment, TermMeans* means) {
+  phase.loss = [&](const TrajectoryBatch& batch, const Moment& moment, TermMeans* means) {
+    const at::Tensor& x = batch.trajectories;
     const Gaussian q_z = state.networks.EncodeTrajectories(x);
     const at::Tensor z = Sample(q_z, state.Noise(q_z.mean.sizes()));
     const at::Tensor reconstruction =

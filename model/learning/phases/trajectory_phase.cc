@@ -25,7 +25,10 @@ class OneThread {
 class TrajectorySteps final : public EpochSteps {
  public:
   TrajectorySteps(const TrajectoryPhase& phase, int64_t batch_size, LearningState& state)
-      : phase_(phase), batch_size_(batch_size), state_(state) {}
+      : phase_(phase), batch_size_(batch_size), state_(state) {
+    const std::vector<int>& labels = state.data.labels;
+    if (!labels.empty()) labels_ = at::tensor(at::ArrayRef<int>(labels), at::kLong);
+  }
 
   absl::Status BeginEpoch(const EpochStart& start) override {
     order_ = start.order;
@@ -39,8 +42,7 @@ class TrajectorySteps final : public EpochSteps {
         order_.subspan(begin, std::min(static_cast<size_t>(batch_size_), order_.size() - begin));
     const at::Tensor rows =
         at::tensor(at::ArrayRef<int64_t>(batch.data(), batch.size()), at::kLong);
-    const at::Tensor x = Vary(state_.trajectories.index_select(0, rows));
-    return BatchLoss{phase_.loss(x, moment, means), x.size(0)};
+    return BatchLoss{phase_.loss(Vary(rows), moment, means), rows.size(0)};
   }
 
   void EndEpoch(v1::EpochReport* report) override {
@@ -49,25 +51,30 @@ class TrajectorySteps final : public EpochSteps {
   }
 
  private:
-  // Scales and mirrors trajectories at random. [B, 2T]
-  at::Tensor Vary(const at::Tensor& trajectories) {
+  // Returns some of the training examples, scaled and mirrored at random.
+  //   rows: [B] indices
+  TrajectoryBatch Vary(const at::Tensor& rows) {
     const v1::AugmentationSettings& augmentation = state_.settings.augmentation();
-    const int64_t batch = trajectories.size(0);
+    const int64_t batch = rows.size(0);
+    at::Tensor labels = labels_.defined() ? labels_.index_select(0, rows) : labels_;
     const at::Tensor scale =
         at::empty({batch, 1, 1}, at::kFloat)
             .uniform_(1.0 - augmentation.scale(), 1.0 + augmentation.scale(), state_.generator);
-    at::Tensor varied = trajectories.view({batch, -1, 2}) * scale;
+    at::Tensor varied = state_.trajectories.index_select(0, rows).view({batch, -1, 2}) * scale;
     if (augmentation.mirror()) {
       const at::Tensor side =
           at::empty({batch, 1}, at::kFloat).bernoulli_(0.5, state_.generator).mul_(2.0).sub_(1.0);
       varied.select(2, 1).mul_(side);
+      if (labels.defined()) labels = labels.masked_fill(side.squeeze(1) < 0.0, -1);
     }
-    return varied.flatten(1).to(state_.networks.device());
+    const at::Device device = state_.networks.device();
+    return {varied.flatten(1).to(device), labels.defined() ? labels.to(device) : labels};
   }
 
   const TrajectoryPhase& phase_;
   const int64_t batch_size_;
   LearningState& state_;
+  at::Tensor labels_;  // TrainingData.labels, [N]; undefined if there are none
   std::span<const int64_t> order_;
   int64_t step_ = 0;
 };

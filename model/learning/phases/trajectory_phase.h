@@ -13,14 +13,22 @@
 
 namespace maneuver::learning {
 
+// What a step learns from.
+struct TrajectoryBatch {
+  at::Tensor trajectories;  // varied, x - r(m), [B, 2T] metres
+  // The action of each that is known, -1 where it is not, [B]; undefined if there are no labels.
+  // That of a mirrored trajectory is not known.
+  at::Tensor labels;
+};
+
 struct TrajectoryPhase {
   std::string name;
   int epochs = 0;
   bool resumable = true;  // as in PhasePlan
   // Parts that learn, all at the settings' learning rate.
   std::vector<Networks::Part> parts;
-  // Returns the loss of varied trajectories, [B, 2T], and adds its terms to `means`.
-  std::function<at::Tensor(const at::Tensor& trajectories, const Moment& moment, TermMeans* means)>
+  // Returns the loss of a batch, and adds its terms to `means`.
+  std::function<at::Tensor(const TrajectoryBatch& batch, const Moment& moment, TermMeans* means)>
       loss;
   // Whether the model has a mixture by now. Held-out trajectories are then validated with it.
   bool has_mixture = false;

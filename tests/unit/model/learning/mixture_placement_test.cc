@@ -4,14 +4,23 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <set>
 #include <utility>
 #include <vector>
 
 #include "model/data/example_index.h"
+#include "model/learning/learner.h"
 #include "model/learning/networks.h"
+#include "model/learning/objectives.h"
+#include "model/learning/phases/learning_state.h"
+#include "model/learning/phases/mixture.h"
 #include "model/learning/phases/place.h"
+#include "model/learning/phases/pretrain.h"
+#include "model/learning/scene_bound.h"
+#include "model/learning/training_data.h"
+#include "model/learning/training_progress.h"
 #include "model/learning/validation.h"
 #include "tests/unit/model/learning/analytic_scenes.h"
 
@@ -321,6 +330,15 @@ TEST(MixturePlacementTest, UniformMeansLieInTheBoxOfTheEncodings) {
   EXPECT_GT(means.var(0).min().item<double>(), 1.0);
 }
 
+TEST(MixturePlacementTest, EachPlacementOfEachRunHasASeedOfItsOwn) {
+  std::set<uint64_t> seeds;
+  for (const uint64_t seed : {1u, 2u, 3u}) {
+    EXPECT_EQ(PlacementSeed(seed, 0), seed);
+    for (int i = 0; i < 3; ++i) seeds.insert(PlacementSeed(seed, i));
+  }
+  EXPECT_EQ(seeds.size(), 9u);
+}
+
 TEST(MixturePlacementTest, LabelledComponentsLieAtTheirExamples) {
   const EncodedExamples examples = FourGroups();
   // The last group is label 0, and the second one label 1; ten examples of each are known.
@@ -331,18 +349,58 @@ TEST(MixturePlacementTest, LabelledComponentsLieAtTheirExamples) {
   }
   const PlacedMixture placed =
       PlaceLabelledMixture(v1::MIXTURE_PLACEMENT_TRAJECTORY_CLUSTERS, examples, labels, 2, 6, 1);
-TEST(MixturePlacementTest, EachPlacementOfEachRunHasASeedOfItsOwn) {
-  std::set<uint64_t> seeds;
-  for (const uint64_t seed : {1u, 2u, 3u}) {
-    EXPECT_EQ(PlacementSeed(seed, 0), seed);
-    for (int i = 0; i < 3; ++i) seeds.insert(PlacementSeed(seed, i));
-  }
-  EXPECT_EQ(seeds.size(), 9u);
-}
-
   EXPECT_EQ(placed.components.mean.size(0), 6);
   EXPECT_LT(NearestDistance(placed.components.mean.slice(0, 0, 1), at::tensor({3.F, 3.F})), 0.3);
   EXPECT_LT(NearestDistance(placed.components.mean.slice(0, 1, 2), at::tensor({-3.F, 3.F})), 0.3);
+}
+
+// Sharp turns to the left are labelled, and turns so sharp to the right are their mirror images.
+TEST(LabelledMixtureTest, LabelledExamplesKeepTheirActionBesideTheClustersOfTheOthers) {
+  v1::TrainingSettings settings = TinySettings();
+  settings.mutable_examples()->set_validation_share(0.0);
+  settings.mutable_augmentation()->set_mirror(true);
+  v1::OptimizationSettings& optimization = *settings.mutable_optimization();
+  optimization.set_mixture_placement(v1::MIXTURE_PLACEMENT_DEPARTURE_CLUSTERS);
+  optimization.set_clustered_share(1.0);
+  std::vector<v1::Scenario> recordings = ArcRecordings(72);
+  for (const char* id : {"sharp-0", "sharp-1", "sharp-2"}) {
+    recordings.push_back(ArcRecording(id, 0.1, 8.0));
+  }
+  TrainingData data = *SplitRecordings(std::move(recordings), settings);
+  data.label_names = {"sharp left"};
+  for (const data::Example& example : data.training.examples) {
+    const v1::Scenario& recording =
+        data.training.recordings[static_cast<size_t>(example.recording)];
+    data.labels.push_back(recording.scenario_id().starts_with("sharp") ? 0 : -1);
+  }
+  ASSERT_GT(std::ranges::count(data.labels, 0), 5);
+  LearningState state(settings, data, at::Device(at::kCPU), 1, [] { return false; });
+  const auto count = static_cast<int64_t>(data.training.examples.size());
+  TrainingProgress progress(Learner::Plan(settings, {count, count, 0}), {},
+                            [] { return std::chrono::system_clock::time_point(); });
+  RankGroup alone([] { return false; });
+  EpochLoop loop(settings, data, alone, progress);
+  ASSERT_TRUE(Pretrain(state, loop).ok());
+  ASSERT_TRUE(PlaceMixture(state, loop).ok());
+  ASSERT_TRUE(state.centers.defined());
+  EXPECT_EQ(state.centers.size(0), settings.model().actions() - 1);
+  ASSERT_TRUE(TrainMixture(state, loop).ok());
+
+  at::NoGradGuard no_grad;
+  at::Tensor mirrored = state.trajectories.clone();
+  mirrored.view({count, -1, 2}).select(2, 1).neg_();
+  const auto actions = [&state](const at::Tensor& x) {  // argmax q(y|x)
+    const BaseModel model = ApplyBase(state.networks, {x, {}, {}},
+                                      [](at::IntArrayRef shape) { return at::zeros(shape); });
+    return BaseBound(model).log_responsibilities.argmax(1);
+  };
+  const at::Tensor own = actions(state.trajectories);
+  const at::Tensor of_mirrored = actions(mirrored);
+  for (int64_t i = 0; i < count; ++i) {
+    const bool labelled = data.labels[static_cast<size_t>(i)] == 0;
+    EXPECT_EQ(own[i].item<int64_t>() == 0, labelled) << i;
+    EXPECT_NE(of_mirrored[i].item<int64_t>(), 0) << i;
+  }
 }
 
 TEST(MixturePlacementTest, LabelsOfAllExamplesStillPlaceEveryAction) {
