@@ -96,6 +96,7 @@ v1::Estimate EstimateByJackknife(const GroupedSums& part, const Figure& figure) 
   }
   v1::Estimate estimate = ValueOf(totals, figure);
   std::vector<double> without;
+  without.reserve(changes.size());
   for (const auto& [_, change] : changes) without.push_back(estimate.value() + change);
   const Interval interval = without.size() > 1 ? JackknifeInterval(estimate.value(), without)
                                                : Interval{estimate.value(), estimate.value()};
