@@ -276,7 +276,7 @@ def run(options, work, servers, cluster):
     linked = subprocess.run(["readelf", "--dynamic", options.maneuverd], capture_output=True, text=True, check=True)
     check("libpq" not in linked.stdout, "a server that does not need libpq does not load it")
 
-    # The folder is lost, the database is not: it keeps what it has.
+    # Only the folder is lost. The database still has all jobs and aliases.
     server.stop()
     expect_done(script("restore.sh", work / "backup", work / "anew", "--folder-only"))
     anew = Server(options, work / "anew", "--store", cluster.uri())
