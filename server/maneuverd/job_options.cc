@@ -1,32 +1,18 @@
 #include "server/maneuverd/job_options.h"
 
 #include <cmath>
-#include <functional>
 #include <limits>
-#include <string>
-#include <utility>
 
 #include "model/machine/usable_cores.h"
 #include "model/machine/usable_memory.h"
 #include "server/jobs/trainer/number_checks.h"
+#include "server/maneuverd/option_kinds.h"
 
 namespace maneuver {
 namespace {
 
 constexpr int64_t kBytesPerMebibyte = int64_t{1} << 20;
 constexpr double kMostDays = 36'500.0;
-
-// A number that is kept in another unit.
-void AddScaled(CLI::App& app, const std::string& name, const std::string& unset, double most,
-               const std::string& help, std::function<void(double)> set) {
-  app.add_option_function<double>(name, std::move(set), help)
-      ->check(FiniteRange(0.0, most))
-      ->default_str(unset);
-}
-
-std::chrono::milliseconds Seconds(double seconds) {
-  return std::chrono::milliseconds(std::llround(1e3 * seconds));
-}
 
 absl::Duration DaysOrForever(double days) {
   return days > 0.0 ? 24.0 * days * absl::Hours(1) : absl::InfiniteDuration();
@@ -50,13 +36,10 @@ void AddJobOptions(CLI::App& app, JobOptions& options) {
                  "0: one for each core, or any number with --trainer-command")
       ->check(CLI::Range(0, 64))
       ->capture_default_str();
-  app.add_option(
-         "--job-memory", options.memory,
-         "Most memory of a job that this server takes, of several that share, such as "
-         "24GiB; 0: the machine's, divided by --max-running-jobs, or any with --trainer-command")
-      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
-      ->check(CLI::NonNegativeNumber)
-      ->capture_default_str();
+  AddBytes(app, "--job-memory", options.memory,
+           "Most memory of a job that this server takes, of several that share, such as "
+           "24GiB; 0: the machine's, divided by --max-running-jobs, or any with --trainer-command",
+           Least::kZero);
   app.add_option("--max-pending-jobs", options.max_pending,
                  "Most waiting jobs; above it new jobs are refused")
       ->check(CLI::Range(1, 1'000'000))
@@ -66,20 +49,18 @@ void AddJobOptions(CLI::App& app, JobOptions& options) {
                  "each core")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
-  AddScaled(app, "--job-memory-limit", "0", 1e9,
-            "Most memory of a job's process, MiB, without memory-mapped files; 0: no limit",
-            [&options](double mebibytes) {
-              options.limits.memory_bytes =
-                  std::llround(mebibytes * static_cast<double>(kBytesPerMebibyte));
-            });
-  app.add_option("--data-memory", options.limits.data_memory,
-                 "Memory that the recordings of a job may take, such as 2GiB; data that do not fit "
-                 "are read piece by piece")
-      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
-  AddScaled(app, "--job-time-limit", "0", 1e9, "Most seconds that a job runs; 0: no limit",
-            [&options](double seconds) { options.limits.run_time = Seconds(seconds); });
+  AddScaled<double>(app, "--job-memory-limit", "0", FiniteRange(0.0, 1e9),
+                    "Most memory of a job's process, MiB, without memory-mapped files; 0: no limit",
+                    [&options](double mebibytes) {
+                      options.limits.memory_bytes =
+                          std::llround(mebibytes * static_cast<double>(kBytesPerMebibyte));
+                    });
+  AddBytes(app, "--data-memory", options.limits.data_memory,
+           "Memory that the recordings of a job may take, such as 2GiB; data that do not fit "
+           "are read piece by piece");
+  AddScaled<double>(app, "--job-time-limit", "0", FiniteRange(0.0, 1e9),
+                    "Most seconds that a job runs; 0: no limit",
+                    [&options](double seconds) { options.limits.run_time = Seconds(seconds); });
   app.add_option(
          "--job-attempts", options.limits.attempts_without_progress,
          "Fail a job after this many of its processes in a row died without a new checkpoint")
@@ -90,8 +71,10 @@ void AddJobOptions(CLI::App& app, JobOptions& options) {
          "Fail a training job whose model uses fewer actions than this on held-out examples")
       ->check(CLI::Range(0, 100'000))
       ->capture_default_str();
-  AddScaled(app, "--checkpoint-interval", "60", 86'400, "Seconds between two checkpoints",
-            [&options](double seconds) { options.checkpoints.interval = Seconds(seconds); });
+  AddScaled<double>(app, "--checkpoint-interval", "60", FiniteRange(0.0, 86'400),
+                    "Seconds between two checkpoints", [&options](double seconds) {
+                      options.checkpoints.interval = Seconds(seconds);
+                    });
   app.add_option("--checkpoint-steps", options.checkpoints.steps,
                  "Also write a checkpoint after this many steps; 0: by time only")
       ->check(CLI::Range(int64_t{0}, int64_t{1'000'000'000}))
@@ -100,18 +83,17 @@ void AddJobOptions(CLI::App& app, JobOptions& options) {
                  "Number of latest checkpoints that a job keeps")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
-  app.add_option(
-         "--tag-quota", options.tag_quota_bytes,
-         "Most bytes of all tags together, such as 50GiB; 0: no limit but the disk. Checked "
-         "after each shard")
-      ->transform(CLI::AsSizeValue(/*kb_is_1000=*/false))
-      ->check(CLI::NonNegativeNumber)
-      ->capture_default_str();
-  AddScaled(app, "--keep-jobs", "90", kMostDays, "Days to keep a job after its end; 0: for ever",
-            [&options](double days) { options.retention.jobs = DaysOrForever(days); });
-  AddScaled(app, "--keep-checkpoints", "14", kMostDays,
-            "Days to keep the checkpoints of a failed or cancelled job; 0: for ever",
-            [&options](double days) { options.retention.checkpoints = DaysOrForever(days); });
+  AddBytes(app, "--tag-quota", options.tag_quota_bytes,
+           "Most bytes of all tags together, such as 50GiB; 0: no limit but the disk. Checked "
+           "after each shard",
+           Least::kZero);
+  AddScaled<double>(app, "--keep-jobs", "90", FiniteRange(0.0, kMostDays),
+                    "Days to keep a job after its end; 0: for ever",
+                    [&options](double days) { options.retention.jobs = DaysOrForever(days); });
+  AddScaled<double>(
+      app, "--keep-checkpoints", "14", FiniteRange(0.0, kMostDays),
+      "Days to keep the checkpoints of a failed or cancelled job; 0: for ever",
+      [&options](double days) { options.retention.checkpoints = DaysOrForever(days); });
   app.add_option(
          "--keep-versions", options.retention.versions,
          "Number of newest versions of each model to keep, beside those with an alias; 0: all")

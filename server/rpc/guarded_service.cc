@@ -102,16 +102,16 @@ class GuardedHandler final : public MethodHandler {
         method_(method),
         type_(type),
         access_(access),
-        worth_(service.worth),
+        check_request_(service.check_request),
         refusal_(service.refusal),
-        room_(MakesRoom(method) ? nullptr : service.room),
-        gate_(MakesRoom(method) || service.gate == nullptr ? gate : *service.gate),
-        small_(service.small) {}
+        reserve_memory_(MakesRoom(method) ? nullptr : service.reserve_memory),
+        gate_(MakesRoom(method) || service.message_gate == nullptr ? gate : *service.message_gate),
+        small_messages_(service.small_messages) {}
 
   void RunHandler(const HandlerParameter& call) override {
     absl::Status status = access_.Admit(method_, CredentialsOf(*call.server_context));
     if (status.ok()) status = refusal_;
-    if (status.ok() && room_) status = room_(0).status();
+    if (status.ok() && reserve_memory_) status = reserve_memory_(0).status();
     if (!status.ok()) {
       Refuse(call, status);
     } else if (!TakesOneRequest(type_)) {
@@ -132,7 +132,7 @@ class GuardedHandler final : public MethodHandler {
         : handler_(handler), call_(call) {}
 
     void Receive() override {
-      if (SmallMessages* const small = handler_.small_) {
+      if (SmallMessages* const small = handler_.small_messages_) {
         number_ = small->Add(call_.server_context->peer(),
                              [self = shared_from_this()] { self->reading_.Cancel(NotSmall()); });
       }
@@ -151,7 +151,7 @@ class GuardedHandler final : public MethodHandler {
    private:
     // No request: the caller sent none, or has gone. The parser then says so.
     void OnReceived(grpc_byte_buffer* request) {
-      SmallMessages* const small = handler_.small_;
+      SmallMessages* const small = handler_.small_messages_;
       const bool is_stopped = !handler_.gate_.Leave(*this);
       const bool is_small = small == nullptr || small->Remove(number_);
       if (!is_stopped && is_small) {
@@ -185,18 +185,20 @@ class GuardedHandler final : public MethodHandler {
         request == nullptr ? 0 : static_cast<int64_t>(grpc_byte_buffer_length(request));
     absl::Status status;
     std::shared_ptr<const void> kept;  // until the request is parsed
-    if (room_) {
-      auto room = room_(bytes);
-      status = room.status();
-      if (room.ok()) kept = *std::move(room);
+    if (reserve_memory_) {
+      auto reserved = reserve_memory_(bytes);
+      status = reserved.status();
+      if (reserved.ok()) kept = *std::move(reserved);
     }
-    if (status.ok() && small_ != nullptr && bytes > SmallMessages::kMostBytes) status = NotSmall();
+    if (status.ok() && small_messages_ != nullptr && bytes > SmallMessages::kMostBytes) {
+      status = NotSmall();
+    }
     if (status.ok() && type_ == RpcMethod::SERVER_STREAMING) status = CheckSize(bytes);
     if (status.ok() && bytes >= kLeastCheckedDensity) {
       status = CheckDensity(request_, Shared(request));
     }
-    if (status.ok() && worth_ && type_ == RpcMethod::NORMAL_RPC) {
-      status = worth_(method_, DeadlineOf(*call.server_context), Shared(request));
+    if (status.ok() && check_request_ && type_ == RpcMethod::NORMAL_RPC) {
+      status = check_request_(method_, DeadlineOf(*call.server_context), Shared(request));
     }
     if (status.ok()) {
       Run(call, request);
@@ -230,11 +232,11 @@ class GuardedHandler final : public MethodHandler {
   const std::string_view method_;
   const RpcMethod::RpcType type_;
   security::AccessControl& access_;
-  const decltype(NamedService::worth) worth_;
+  const decltype(NamedService::check_request) check_request_;
   const absl::Status refusal_;
-  const decltype(NamedService::room) room_;
+  const decltype(NamedService::reserve_memory) reserve_memory_;
   MessageGate& gate_;
-  SmallMessages* const small_;
+  SmallMessages* const small_messages_;
 };
 
 // A service's handlers, which it shows to those who derive from it.

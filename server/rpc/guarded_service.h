@@ -28,8 +28,8 @@ namespace maneuver::rpc {
 // A service, with its full name in the contract: "maneuver.v1.PredictionService". The service must
 // outlive the server.
 struct NamedService {
-  const char* name;
-  grpc::Service* service;
+  const char* name = nullptr;
+  grpc::Service* service = nullptr;
   // Refuses calls that are not worth their work: returns an error for a call of a method
   // ("/maneuver.v1.PredictionService/Predict") with this deadline. Called only for unary calls,
   // after the caller is admitted and before the request is parsed: parsing is a good part of the
@@ -37,7 +37,7 @@ struct NamedService {
   std::function<absl::Status(std::string_view method,
                              std::chrono::system_clock::time_point deadline,
                              const grpc::ByteBuffer& request)>
-      worth = {};
+      check_request = {};
   // If this is an error, every call of a caller who is admitted ends with it, and health says
   // NOT_SERVING.
   absl::Status refusal = {};
@@ -45,13 +45,14 @@ struct NamedService {
   // until the call's single request is parsed. Called for each call but those that stop or remove
   // something: with 0 before its request is received, then with the bytes of a single request.
   // Empty: no call is refused.
-  std::function<absl::StatusOr<std::shared_ptr<const void>>(int64_t request_bytes)> room = {};
+  std::function<absl::StatusOr<std::shared_ptr<const void>>(int64_t request_bytes)> reserve_memory =
+      {};
   // Bounds how many large requests are received at once, but for calls that stop or remove something.
   // It must outlive the server. Null: the server's own, which lets any number pass.
-  MessageGate* gate = nullptr;
+  MessageGate* message_gate = nullptr;
   // For methods that anybody may call: bounds what their requests bring. It must outlive the server.
   // Null: requests have any size up to gRPC's limit.
-  SmallMessages* small = nullptr;
+  SmallMessages* small_messages = nullptr;
 };
 
 // Register it instead of the service that it guards. The generated code has no place for such a

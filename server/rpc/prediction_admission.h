@@ -27,8 +27,8 @@ namespace maneuver::rpc {
 // Returns a caller's deadline on the clock of the scheduler.
 serving::TimePoint OnSteadyClock(std::chrono::system_clock::time_point deadline);
 
-// Checks whether the scheduler expects to answer a unary call in time. This is NamedService::worth
-// of the prediction service. RegisterMap is always worth its work. Errors: those of
+// Checks whether the scheduler expects to answer a unary call in time. This is the check_request of
+// the prediction service (NamedService). RegisterMap is always worth its work. Errors: those of
 // BatchScheduler::CheckWait.
 absl::Status CheckWait(serving::BatchScheduler& scheduler, std::string_view method,
                        std::chrono::system_clock::time_point deadline,

@@ -97,7 +97,7 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(
   std::vector<std::string> methods;
   for (const NamedService& service : services) {
     auto guard = GuardedService::Create(service, access, *gate);
-    if (service.gate != nullptr) gates.insert(service.gate);
+    if (service.message_gate != nullptr) gates.insert(service.message_gate);
     if (!guard.ok()) return guard.status();
     const auto names = (*guard)->MethodNames();
     methods.insert(methods.end(), names.begin(), names.end());
@@ -113,7 +113,7 @@ absl::StatusOr<std::unique_ptr<Server>> Server::Start(
   }
   const NamedService open{.name = grpc::health::v1::Health::service_full_name(),
                           .service = health.get(),
-                          .small = small.get()};
+                          .small_messages = small.get()};
   auto guard = GuardedService::Create(open, access, *gate);
   if (!guard.ok()) return guard.status();
   std::vector<std::string> others = (*guard)->MethodNames();

@@ -242,6 +242,36 @@ TEST_F(OptionsTest, PrintedSettingsCanBeReadBack) {
   EXPECT_EQ(read.options().log_format, monitoring::LogFormat::kJson);
 }
 
+// The default of an option whose value is converted is stated twice: as text, and as what it means.
+TEST_F(OptionsTest, PrintedDefaultsMeanWhatHoldsWithoutThem) {
+  const Outcome printed = Parse({"--data-dir", "d", "--print-config"});
+  const Outcome without = Parse({"--data-dir", "d"});
+  const Outcome with = Parse({"--config", Write("defaults.conf", printed.out)});
+  ASSERT_TRUE(std::holds_alternative<ServerOptions>(with.parsed)) << with.err;
+  const ServerOptions& unset = without.options();
+  const ServerOptions& set = with.options();
+  EXPECT_EQ(unset.role, set.role);
+  EXPECT_EQ(unset.limits.max_message_bytes, set.limits.max_message_bytes);
+  EXPECT_EQ(unset.limits.max_idle, set.limits.max_idle);
+  EXPECT_EQ(unset.limits.max_age, set.limits.max_age);
+  EXPECT_EQ(unset.limits.handshake, set.limits.handshake);
+  EXPECT_EQ(unset.limits.keepalive, set.limits.keepalive);
+  EXPECT_EQ(unset.limits.request, set.limits.request);
+  EXPECT_EQ(unset.scheduler.queue.max_queue_delay, set.scheduler.queue.max_queue_delay);
+  EXPECT_EQ(unset.datasets.keep_uploads, set.datasets.keep_uploads);
+  EXPECT_EQ(unset.engine.precision, set.engine.precision);
+  EXPECT_EQ(unset.kernels, set.kernels);
+  EXPECT_EQ(unset.log_format, set.log_format);
+  EXPECT_EQ(unset.log_level, set.log_level);
+  EXPECT_EQ(unset.shutdown_delay, set.shutdown_delay);
+  EXPECT_EQ(unset.shutdown_timeout, set.shutdown_timeout);
+  EXPECT_EQ(unset.jobs.limits.memory_bytes, set.jobs.limits.memory_bytes);
+  EXPECT_EQ(unset.jobs.limits.run_time, set.jobs.limits.run_time);
+  EXPECT_EQ(unset.jobs.checkpoints.interval, set.jobs.checkpoints.interval);
+  EXPECT_EQ(unset.jobs.retention.jobs, set.jobs.retention.jobs);
+  EXPECT_EQ(unset.jobs.retention.checkpoints, set.jobs.retention.checkpoints);
+}
+
 TEST_F(OptionsTest, HelpIgnoresTheEnvironment) {
   const Outcome help = Parse({"--help"}, {"MANEUVERD_NONSENSE=1"});
   EXPECT_EQ(std::get<int>(help.parsed), 0);

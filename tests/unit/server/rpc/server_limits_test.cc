@@ -93,7 +93,7 @@ TEST_F(ServerTest, ACallThatSendsItsRequestTooSlowlyIsRefusedAndAnotherIsAnswere
   const auto server = Server::Start({"127.0.0.1", 0},
                                     {{.name = v1::PredictionService::service_full_name(),
                                       .service = predictions_.get(),
-                                      .gate = &gate}},
+                                      .message_gate = &gate}},
                                     *access_, *metrics_);
   ASSERT_TRUE(server.ok()) << server.status();
   std::jthread looking([&gate, port = (*server)->address().port](const std::stop_token& stop) {
@@ -167,11 +167,14 @@ TEST_F(ServerTest, WithoutRoomRefusesCallsOfEachKindButThoseThatRemoveSomething)
     ++asked;
     return errors::WithReason(absl::ResourceExhaustedError("full"), "MEMORY_FULL");
   };
-  const auto full =
-      Server::Start({"127.0.0.1", 0},
-                    {{v1::PredictionService::service_full_name(), predictions_.get(), {}, {}, room},
-                     {v1::ModelService::service_full_name(), model_service_.get(), {}, {}, room}},
-                    **access, *metrics_);
+  const auto full = Server::Start({"127.0.0.1", 0},
+                                  {{.name = v1::PredictionService::service_full_name(),
+                                    .service = predictions_.get(),
+                                    .reserve_memory = room},
+                                   {.name = v1::ModelService::service_full_name(),
+                                    .service = model_service_.get(),
+                                    .reserve_memory = room}},
+                                  **access, *metrics_);
   ASSERT_TRUE(full.ok()) << full.status();
   const auto channel =
       grpc::CreateChannel((*full)->address().ToString(), grpc::InsecureChannelCredentials());
