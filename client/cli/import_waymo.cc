@@ -8,7 +8,7 @@
 #include "client/cli/dataset_import.h"
 #include "client/cli/import_formats.h"
 #include "model/data/tfrecord.h"
-#include "model/data/waymo_reader.h"
+#include "model/data/waymo/waymo_reader.h"
 
 namespace maneuver::cli {
 namespace {

@@ -2,6 +2,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "model/data/stable_hash.h"
+#include "model/files/digest.h"
 
 namespace maneuver::data {
 namespace {
@@ -14,6 +15,10 @@ std::string PartId(std::string_view id, int part) { return PartId(id, std::to_st
 
 std::string PartId(std::string_view id, std::string_view part) {
   return absl::StrCat(std::string(id), std::string(1, kPartMark), std::string(part));
+}
+
+std::string IdFromContent(std::string_view content) {
+  return absl::StrCat("nosid-", files::Sha256Hex(content).substr(0, 8));
 }
 
 std::string_view WithoutPart(std::string_view scenario_id) {

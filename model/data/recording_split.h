@@ -1,4 +1,4 @@
-// Which side of the validation split a recording is on.
+// The ids of recordings, and which side of the validation split a recording is on.
 //
 // A long recording may be stored in parts, and different recordings may come with one id. Their ids
 // are then "{id}#1", "{id}#2" and so on. Parts stay together, because a model that learned from one
@@ -16,6 +16,10 @@ namespace maneuver::data {
 // Returns the id of part `part` of the recording `id`, as in "crossing#2".
 std::string PartId(std::string_view id, int part);
 std::string PartId(std::string_view id, std::string_view part);
+
+// Returns an id for a recording that has none: "nosid-" and eight hexadecimal digits.
+//   content: what was recorded
+std::string IdFromContent(std::string_view content);
 
 // Returns the id without its part: up to the first '#'.
 std::string_view WithoutPart(std::string_view scenario_id);

@@ -11,7 +11,7 @@
 #include "model/data/dataset_folder.h"
 #include "model/data/tfrecord.h"
 #include "model/data/town/synthetic_town.h"
-#include "model/data/waymo_reader.h"
+#include "model/data/waymo/waymo_reader.h"
 #include "model/scene/target_frame.h"
 
 namespace maneuver::bench {

@@ -204,7 +204,7 @@ void Pipeline::PredictActions() {
   logits_.resize(scenes_.size() * actions);
   networks_.action_predictor.Apply(features_.data(), static_cast<int>(scenes_.size()),
                                    &mlp_scratch_, logits_.data());
-  if (networks_.scene) LookAtLanes();
+  if (networks_.scene) EncodeActionGeometry();
   for (size_t i = 0; i < scenes_.size(); ++i) {
     encodings_[i].features = Eigen::Map<const Eigen::VectorXf>(features_.data() + i * features,
                                                                static_cast<Eigen::Index>(features));
@@ -215,7 +215,7 @@ void Pipeline::PredictActions() {
   }
 }
 
-void Pipeline::LookAtLanes() {
+void Pipeline::EncodeActionGeometry() {
   std::vector<const inference::Trajectory*> references;
   for (size_t i = 0; i < scenes_.size(); ++i) {
     const scene::MotionEstimate& motion = vectors_[i]->motion;

@@ -76,7 +76,7 @@ class Pipeline {
   // Reads features_ and, if actions look at the lanes, the results of EvaluateVectors.
   void PredictActions();
   // Computes the references, and the lanes' contribution to logits_.
-  void LookAtLanes();
+  void EncodeActionGeometry();
   void Describe(size_t begin);
   void Combine();
   void WriteAnswers();

@@ -18,7 +18,7 @@ case "$preset" in
   # The server, the client and what they stand on, and all that reads data.
   asan)
     programs=(kernels locks machine files probability scene artifact inference onnx data commonroad
-      nuscenes argoverse mixed_sources town evaluation tags errors security monitoring serving jobs store rpc options client command
+      nuscenes argoverse waymo mixed_sources town evaluation tags errors security monitoring serving jobs store rpc options client command
       load plot report report_command)
     ;;
   # What uses LibTorch. By GCC, since clang 14 does not compile LibTorch's headers. All of it takes

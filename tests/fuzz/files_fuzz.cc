@@ -19,7 +19,7 @@
 #include "model/data/dataset_folder.h"
 #include "model/data/recording_index.h"
 #include "model/data/tfrecord.h"
-#include "model/data/waymo_reader.h"
+#include "model/data/waymo/waymo_reader.h"
 #include "model/files/sealed_json.h"
 #include "model/scene/scenario_validation.h"
 #include "shard_index.pb.h"

@@ -220,7 +220,8 @@ def write_stream(pb, scene):
 def main():
     predictions, scenarios, settings, waymo, index, tags, script = generated({
         SOURCE / "proto": sorted(str(p.relative_to(SOURCE / "proto")) for p in (SOURCE / "proto").rglob("*.proto")),
-        SOURCE / "model" / "data": ["waymo_scenario.proto", "shard_index.proto"],
+        SOURCE / "model" / "data": ["shard_index.proto"],
+        SOURCE / "model" / "data" / "waymo": ["waymo_scenario.proto"],
         SOURCE / "model" / "tags": ["tag_files.proto"],
         HERE: ["stream_script.proto"]})
     for name, scene in scenes(scenarios).items():

@@ -15,7 +15,7 @@
 #include "client/map_reuse.h"
 #include "client/observed_scenario.h"
 #include "model/data/tfrecord.h"
-#include "model/data/waymo_reader.h"
+#include "model/data/waymo/waymo_reader.h"
 #include "tests/integration/trained_server.h"
 
 namespace maneuver::integration {

@@ -17,7 +17,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "model/data/commonroad/lanelet_map.h"
-#include "model/files/digest.h"
+#include "model/data/recording_split.h"
 #include "model/scene/scenario_validation.h"
 
 namespace maneuver::data {
@@ -491,8 +491,7 @@ absl::StatusOr<v1::Scenario> Read(const xml_node& root, std::string_view xml) {
     return absl::InvalidArgumentError("commonRoad: timeStepSize must be positive");
   v1::Scenario scenario;
   const std::string id = root.attribute("benchmarkID").as_string();
-  scenario.set_scenario_id(id.empty() ? absl::StrCat("nosid-", files::Sha256Hex(xml).substr(0, 8))
-                                      : id);
+  scenario.set_scenario_id(id.empty() ? IdFromContent(xml) : id);
   AddObstacles(root, step, reading, &scenario);
   if (reading.ok() && scenario.agents().empty()) reading.Fail("the scenario has no obstacles");
   const std::vector<Lanelet> lanelets = ReadLanelets(root, reading);

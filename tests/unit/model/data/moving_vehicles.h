@@ -14,7 +14,7 @@
 
 #include "maneuver/v1/scenario.pb.h"
 #include "model/data/tfrecord.h"
-#include "model/data/waymo_reader.h"
+#include "model/data/waymo/waymo_reader.h"
 
 namespace maneuver::data {
 

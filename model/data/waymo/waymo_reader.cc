@@ -1,4 +1,4 @@
-#include "model/data/waymo_reader.h"
+#include "model/data/waymo/waymo_reader.h"
 
 #include <google/protobuf/arena.h>
 #include <google/protobuf/io/coded_stream.h>
@@ -16,7 +16,7 @@
 #include "absl/strings/str_cat.h"
 #include "model/data/agent_size.h"
 #include "model/data/lane_links.h"
-#include "model/files/digest.h"
+#include "model/data/recording_split.h"
 #include "model/scene/scenario_validation.h"
 #include "waymo_scenario.pb.h"
 
@@ -339,9 +339,8 @@ absl::StatusOr<v1::Scenario> ParseWaymoScenario(std::string_view serialized) {
   const int current = recording.has_current_time_index() ? recording.current_time_index()
                                                          : std::min(kDefaultCurrentStep, last);
   v1::Scenario scenario;
-  scenario.set_scenario_id(recording.scenario_id().empty()
-                               ? absl::StrCat("nosid-", files::Sha256Hex(serialized).substr(0, 8))
-                               : recording.scenario_id());
+  scenario.set_scenario_id(recording.scenario_id().empty() ? IdFromContent(serialized)
+                                                           : recording.scenario_id());
   scenario.set_prediction_time(recording.timestamps_seconds(current));
   for (const waymo::Track& track : recording.tracks()) {
     AddAgent(recording, track, current, &scenario);

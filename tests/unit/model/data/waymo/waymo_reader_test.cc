@@ -1,4 +1,4 @@
-#include "model/data/waymo_reader.h"
+#include "model/data/waymo/waymo_reader.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -11,7 +11,7 @@
 
 #include "model/data/example_index.h"
 #include "model/data/tfrecord.h"
-#include "model/data/waymo_reader.h"
+#include "model/data/waymo/waymo_reader.h"
 #include "model/scene/scenario_validation.h"
 
 namespace maneuver::data::real_recordings_test {

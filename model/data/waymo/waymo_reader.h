@@ -1,7 +1,7 @@
 // Reads scenarios of the Waymo Open Motion Dataset.
 
-#ifndef MANEUVER_MODEL_DATA_WAYMO_READER_H_
-#define MANEUVER_MODEL_DATA_WAYMO_READER_H_
+#ifndef MANEUVER_MODEL_DATA_WAYMO_WAYMO_READER_H_
+#define MANEUVER_MODEL_DATA_WAYMO_WAYMO_READER_H_
 
 #include <string_view>
 
@@ -30,4 +30,4 @@ absl::StatusOr<v1::Scenario> ParseWaymoScenario(std::string_view serialized);
 
 }  // namespace maneuver::data
 
-#endif  // MANEUVER_MODEL_DATA_WAYMO_READER_H_
+#endif  // MANEUVER_MODEL_DATA_WAYMO_WAYMO_READER_H_
