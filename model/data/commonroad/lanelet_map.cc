@@ -57,6 +57,8 @@ class Area {
   }
 
   const Polyline& outline() const { return outline_; }
+  const MapPoint& low() const { return low_; }  // the corners of the box around it
+  const MapPoint& high() const { return high_; }
 
   // Counts the sides that a ray to the right crosses.
   bool Contains(const MapPoint& point) const {
@@ -79,6 +81,56 @@ class Area {
   MapPoint high_;
 };
 
+// The grounds of all lanelets, by the squares of a grid that they touch.
+class Areas {
+ public:
+  explicit Areas(const std::vector<Lanelet>& lanelets) {
+    for (const Lanelet& lanelet : lanelets) {
+      const Area& area = areas_.emplace_back(lanelet);
+      const Square low = SquareOf(area.low());
+      const Square high = SquareOf(area.high());
+      if ((high.first - low.first + 1) * (high.second - low.second + 1) > kMostSquares) {
+        large_.push_back(areas_.size() - 1);
+        continue;
+      }
+      for (int64_t x = low.first; x <= high.first; ++x) {
+        for (int64_t y = low.second; y <= high.second; ++y) {
+          entries_.emplace_back(Square(x, y), areas_.size() - 1);
+        }
+      }
+    }
+    std::ranges::sort(entries_);
+  }
+
+  const Area& operator[](size_t lanelet) const { return areas_[lanelet]; }
+
+  // Returns whether a point is on the ground of a lanelet other than `own`.
+  bool IsOnAnother(size_t own, const MapPoint& point) const {
+    const auto contains = [&](size_t i) { return i != own && areas_[i].Contains(point); };
+    const auto of_square = std::ranges::equal_range(entries_, SquareOf(point), {}, &Entry::first);
+    return std::ranges::any_of(of_square, contains, &Entry::second) ||
+           std::ranges::any_of(large_, contains);
+  }
+
+ private:
+  using Square = std::pair<int64_t, int64_t>;
+  using Entry = std::pair<Square, size_t>;  // a lanelet that touches the square
+  static constexpr double kSide = 20.0;     // metres
+  static constexpr int64_t kMostSquares = 64;
+
+  static Square SquareOf(const MapPoint& point) {
+    static constexpr double kMost = 1e9;  // further away is one square
+    const auto number = [](double x) {
+      return static_cast<int64_t>(std::floor(std::clamp(x / kSide, -kMost, kMost)));
+    };
+    return {number(point.x), number(point.y)};
+  }
+
+  std::vector<Area> areas_;
+  std::vector<Entry> entries_;  // by square
+  std::vector<size_t> large_;   // touch too many squares: looked at for each point
+};
+
 v1::MapFeature Feature(v1::MapFeatureType type, const Polyline& line) {
   v1::MapFeature feature;
   feature.set_type(type);
@@ -92,8 +144,8 @@ v1::MapFeature Feature(v1::MapFeatureType type, const Polyline& line) {
 // Appends to `features` the parts of a lanelet's bound beside which no other lanelet lies.
 //   side: 1 for the left bound, -1 for the right one.
 //   longest: piece that is tested at once, metres
-void AddEdges(const Polyline& bound, double side, double longest, size_t own,
-              const std::vector<Area>& areas, std::vector<v1::MapFeature>* features) {
+void AddEdges(const Polyline& bound, double side, double longest, size_t own, const Areas& areas,
+              std::vector<v1::MapFeature>* features) {
   Polyline run;
   const auto end_run = [&] {
     if (run.size() >= 2) features->push_back(Feature(v1::MAP_FEATURE_TYPE_ROAD_EDGE, run));
@@ -107,12 +159,7 @@ void AddEdges(const Polyline& bound, double side, double longest, size_t own,
                              side * (bound[i].x - bound[i - 1].x) / length * kBeside};
     for (int k = 0; k < pieces; ++k) {
       const MapPoint middle = Between(bound[i - 1], bound[i], (k + 0.5) / pieces);
-      const MapPoint looked_at = {middle.x + beside.x, middle.y + beside.y};
-      bool inner = false;
-      for (size_t j = 0; j < areas.size() && !inner; ++j) {
-        inner = j != own && areas[j].Contains(looked_at);
-      }
-      if (inner) {
+      if (areas.IsOnAnother(own, {middle.x + beside.x, middle.y + beside.y})) {
         end_run();
         continue;
       }
@@ -173,9 +220,8 @@ Polyline Centerline(const Lanelet& lanelet) {
 
 std::vector<v1::MapFeature> MapOf(const std::vector<Lanelet>& lanelets) {
   std::vector<v1::MapFeature> features;
-  std::vector<Area> areas;
+  const Areas areas(lanelets);
   std::set<std::pair<int64_t, int64_t>> drawn;  // pairs whose common bound is drawn
-  for (const Lanelet& lanelet : lanelets) areas.emplace_back(lanelet);
   const double longest = LongestPiece(lanelets);
   std::map<int64_t, std::vector<int64_t>> successors = SuccessorsOf(lanelets);
   for (size_t i = 0; i < lanelets.size(); ++i) {

@@ -28,6 +28,7 @@ using scene::Point2;
 constexpr double kResolution = 1.0;              // of centrelines, metres
 constexpr double kLongestPath = 5'000.0;         // of one lane, metres
 constexpr double kLongestNetwork = 5'000'000.0;  // of all lanes, metres
+constexpr size_t kMostPoints = 10'000'000;       // of all lines and areas
 constexpr double kEndTolerance = 0.5;            // from end_pose, metres
 constexpr double kLongestEdge = 50.0;            // of a piece of road edge, metres
 constexpr size_t kSharedNodes = 2;               // of a divider between neighbours
@@ -280,7 +281,9 @@ class MapReader {
         status = Damage(divider.place,
                         absl::StrCat("line_token ", QuotedText(divider.token), " names no line"));
       } else {
-        status = Resolve(line->second, divider.place, 2, &points);
+        const absl::StatusOr<bool> counted = Count(line->second, divider.place);
+        status = counted.status();
+        if (counted.ok() && *counted) status = Resolve(line->second, divider.place, 2, &points);
       }
       if (!status.ok()) return status;
       if (!points.empty()) AddFeature(v1::MAP_FEATURE_TYPE_ROAD_LINE, points);
@@ -295,8 +298,12 @@ class MapReader {
         const absl::StatusOr<const Polygon*> polygon = Find(shape);
         if (!polygon.ok()) return polygon.status();
         if (*polygon == nullptr) continue;
+        const Nodes& outline = (*polygon)->rings[0];
+        const absl::StatusOr<bool> counted = Count(outline, shape.place);
+        if (!counted.ok()) return counted.status();
+        if (!*counted) continue;
         std::vector<Point2> points;
-        const absl::Status status = Resolve((*polygon)->rings[0], shape.place, 3, &points);
+        const absl::Status status = Resolve(outline, shape.place, 3, &points);
         if (!status.ok()) return status;
         if (points.empty()) continue;
         if (type == v1::MAP_FEATURE_TYPE_STOP_LINE) points.push_back(points.front());
@@ -314,6 +321,9 @@ class MapReader {
       if (!polygon.ok()) return polygon.status();
       if (*polygon == nullptr) continue;
       for (const Nodes& ring : (*polygon)->rings) {
+        const absl::StatusOr<bool> counted = Count(ring, shape.place);
+        if (!counted.ok()) return counted.status();
+        if (!*counted) continue;
         rings.emplace_back(&ring, &shape);
         for (size_t i = 0; i < ring.size(); ++i) {
           ++uses[std::minmax(ring[i], ring[(i + 1) % ring.size()])];
@@ -358,6 +368,19 @@ class MapReader {
     return static_cast<const Polygon*>(nullptr);
   }
 
+  // Counts the nodes of a row's line or area: many rows may name one large polygon. Returns false if
+  // there are too many, and reading goes on.
+  absl::StatusOr<bool> Count(const Nodes& nodes, const std::string& place) {
+    if (nodes.size() > kMostPoints - points_) {
+      const absl::Status status =
+          Damage(place, "makes lines and areas have more points than those of any city");
+      if (!status.ok()) return status;
+      return false;
+    }
+    points_ += nodes.size();
+    return true;
+  }
+
   // Looks the nodes up. Leaves `points` empty if one is missing or there are fewer than `least`,
   // and reading goes on.
   absl::Status Resolve(const Nodes& nodes, const std::string& place, size_t least,
@@ -398,6 +421,7 @@ class MapReader {
   std::unordered_map<std::string, Polygon> polygons_;
   std::unordered_map<std::string, std::vector<Point2>> paths_;  // by lane
   double network_length_ = 0.0;                                 // of all paths, metres
+  size_t points_ = 0;                                           // of lines and areas
   std::vector<std::pair<std::string, std::string>> links_;      // from, to
   std::vector<Lane> lanes_;
   std::vector<Lane> connectors_;

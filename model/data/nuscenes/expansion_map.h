@@ -40,7 +40,7 @@ struct ExpansionMap {
 //
 //   damaged: called for each row that cannot be used: a field is missing or wrong, or names a node,
 //   line, polygon or path that does not exist, or a path is longer than 5 km or makes all together
-//   longer than 5,000 km. If it returns OK, the row is left out. Otherwise reading ends with its
+//   longer than 5,000 km, or lines and areas have more than ten million points. If it returns OK, the row is left out. Otherwise reading ends with its
 //   status.
 //   progress: called now and then with the number of bytes read so far
 // Also returns NOT_FOUND if there is no file, and DATA_LOSS if it is not a map expansion.

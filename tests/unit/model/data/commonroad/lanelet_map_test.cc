@@ -94,7 +94,6 @@ TEST(MapOfTest, NoEdgeRunsBetweenLanesThatTouchWithoutDeclaringIt) {
   EXPECT_DOUBLE_EQ(edges[1].y(0), 8.0);
 }
 
-// Two crossing roads, each 4 m wide. 4 m of each bound lie on the other road.
 TEST(MapOfTest, ABoundThatIsAbsurdlyLongTakesABoundedTime) {
   for (const double end : {1e10, 1e34}) {
     const auto edges = OfType(MapOf({Along(1, 0, end, 0, 4)}), v1::MAP_FEATURE_TYPE_ROAD_EDGE);
@@ -113,6 +112,7 @@ TEST(MapOfTest, ManyLongBoundsTakeABoundedTime) {
   EXPECT_EQ(edges.size(), 2'000u);
 }
 
+// Two crossing roads, each 4 m wide. 4 m of each bound lie on the other road.
 TEST(MapOfTest, NoEdgeRunsAcrossAJunction) {
   Lanelet north;
   north.id = 2;
@@ -127,6 +127,18 @@ TEST(MapOfTest, NoEdgeRunsAcrossAJunction) {
       EXPECT_FALSE(std::abs(edge.x(i) - 20.0) < 1.9 && std::abs(edge.y(i)) < 1.9);
     }
   }
+}
+
+// One is 8 km long: it touches so many squares of the grid that it is not entered in them.
+TEST(MapOfTest, NoEdgeRunsAcrossAJunctionWithAVeryLongLanelet) {
+  Lanelet north;
+  north.id = 2;
+  north.left = {{3'018.0, -20.0}, {3'018.0, 20.0}};
+  north.right = {{3'022.0, -20.0}, {3'022.0, 20.0}};
+  const auto edges =
+      OfType(MapOf({Along(1, 0.0, 8'000.0, -2.0, 2.0), north}), v1::MAP_FEATURE_TYPE_ROAD_EDGE);
+  EXPECT_EQ(edges.size(), 8u);
+  EXPECT_NEAR(Length(edges), 2 * 7'996.0 + 2 * 36.0, 1e-6);
 }
 
 TEST(MapOfTest, ACrosswalkBecomesAnAreaAndABicycleLaneACenterline) {

@@ -193,6 +193,22 @@ TEST_F(ExpansionMapTest, RefusesAPathBeyondTheLanesOfAnyCity) {
                                 HasSubstr("all lanes together longer"))));
 }
 
+TEST_F(ExpansionMapTest, RefusesAreasOfMorePointsThanAnyCity) {
+  json& nodes = map_["polygon"][0]["exterior_node_tokens"];
+  const json node = nodes[0];
+  while (nodes.size() < 19'990) nodes.push_back(node);
+  json row = map_["ped_crossing"][0];
+  row["polygon_token"] = map_["polygon"][0]["token"];
+  map_["ped_crossing"] = json::array();
+  while (map_["ped_crossing"].size() < 501) map_["ped_crossing"].push_back(row);
+  map_["drivable_area"][0]["polygon_tokens"] = std::vector<json>(3, row["polygon_token"]);
+  ASSERT_TRUE(Read().ok());
+  ASSERT_EQ(damages_.size(), 4u);
+  EXPECT_THAT(damages_[0], AllOf(HasSubstr("toy-town.json: ped_crossing"),
+                                 HasSubstr("more points than those of any city")));
+  EXPECT_THAT(damages_[3], HasSubstr("toy-town.json: drivable_area"));
+}
+
 TEST_F(ExpansionMapTest, RefusesAFileThatIsNotAMapExpansion) {
   map_ = {{"version", "1.0"}, {"node", json::array()}};
   EXPECT_THAT(std::string(Read().status().message()), HasSubstr("no map expansion of nuScenes"));
