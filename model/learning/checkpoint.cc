@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstdlib>
 #include <cstring>
+#include <limits>
 #include <string>
 #include <system_error>
 #include <vector>
@@ -80,6 +81,11 @@ bool CheckpointFolder::IsDue() const {
 }
 
 absl::Status CheckpointFolder::Write(const Checkpoint& checkpoint) {
+  // Beyond that, protobuf writes nothing at all, and says so only in its log.
+  if (checkpoint.ByteSizeLong() > std::numeric_limits<int>::max()) {
+    return absl::ResourceExhaustedError(
+        "a checkpoint of this model would be larger than 2 GiB: choose a smaller settings.model");
+  }
   const std::string message = checkpoint.SerializeAsString();
   const uint32_t checksum = data::MaskedCrc32c(message);
   std::string content(sizeof(checksum), '\0');
@@ -89,7 +95,7 @@ absl::Status CheckpointFolder::Write(const Checkpoint& checkpoint) {
   if (!status.ok()) return status;
   ++next_;
   last_ = std::chrono::steady_clock::now();
-  steps_ = 1;  // that which it precedes
+  steps_ = 1;  // the step that this checkpoint precedes
   const std::vector<int64_t> numbers = Numbers(folder_);
   const size_t kept = static_cast<size_t>(std::max(1, policy_.kept));
   for (size_t i = 0; i + kept < numbers.size(); ++i) {

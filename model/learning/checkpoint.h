@@ -32,8 +32,8 @@ class CheckpointFolder {
   // Returns whether the interval, or the number of steps, has passed since the last checkpoint (or
   // since the folder was opened).
   bool IsDue() const;
-  // Writes a checkpoint and removes all but the last `kept`. Errors: those of
-  // files::WriteFileAtomically.
+  // Writes a checkpoint and removes all but the last `kept`. RESOURCE_EXHAUSTED if it is larger than
+  // 2 GiB. Other errors: those of files::WriteFileAtomically.
   absl::Status Write(const Checkpoint& checkpoint);
 
  private:

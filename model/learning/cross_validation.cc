@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <iterator>
 #include <memory>
+#include <optional>
 #include <set>
 #include <span>
 #include <unordered_map>
@@ -125,8 +126,12 @@ class FoldRunner {
   }
 
  private:
-  int FoldOf(const std::string& scenario_id) const {
-    return plan_.recordings(numbers_.at(scenario_id)).fold();
+  // Nothing for a recording that was added to a dataset after the plan was made: no fold learns from
+  // it, and none measures it.
+  std::optional<int> FoldOf(const std::string& scenario_id) const {
+    const auto number = numbers_.find(scenario_id);
+    if (number == numbers_.end()) return std::nullopt;
+    return plan_.recordings(number->second).fold();
   }
 
   absl::Status Learn(const std::filesystem::path& output, v1::FoldRun& result) const {
@@ -142,7 +147,10 @@ class FoldRunner {
     training.stopped = run_.stopped;
     const absl::StatusOr<TrainingData> data = OpenTrainingData(
         run_.datasets, training.settings, run_.data_memory, Threads(), [this] { return GoesOn(); },
-        [&](const std::string& id) { return FoldOf(id) != result.fold(); });
+        [&](const std::string& id) {
+          const std::optional<int> fold = FoldOf(id);
+          return fold && *fold != result.fold();
+        });
     if (!data.ok()) return data.status();
     NoteLearned(*data, result);
     return Train(training, *data).status();

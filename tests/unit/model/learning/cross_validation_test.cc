@@ -243,6 +243,21 @@ TEST_F(CrossValidationTest, TestDatasetsDoNotChangeTheFolds) {
   }
 }
 
+TEST_F(CrossValidationTest, LeavesOutARecordingThatWasAddedAfterThePlan) {
+  const v1::CrossValidationPlan plan = *PlanCrossValidation(run_);
+  const auto before = CrossValidate(run_, plan);
+  ASSERT_TRUE(before.ok()) << before.status();
+  std::filesystem::remove_all(run_.models);
+  std::filesystem::create_directory(run_.models);
+  std::vector<v1::Scenario> more = PairsOfDrives(kRecordings, 0, "drive-");
+  more.push_back(PairsOfDrives(1, kRecordings, "added-")[0]);
+  std::filesystem::remove_all(folder_ / "drives");
+  WriteDataset(folder_ / "drives", more);
+  const auto after = CrossValidate(run_, plan);
+  ASSERT_TRUE(after.ok()) << after.status();
+  EXPECT_TRUE(MessageDifferencer::Equals(*after, *before));
+}
+
 TEST_F(CrossValidationTest, RefusesATestDatasetThatIsAlsoATrainingDataset) {
   run_.test_datasets = {{"again", folder_ / "drives"}};
   const absl::Status status = PlanCrossValidation(run_).status();
