@@ -26,7 +26,7 @@ void ActionStatistics::Add(const Eigen::VectorXd& predicted,
   entropy_sum_ += Entropy(predicted);
   Eigen::Index top = 0;
   const double confidence = predicted.maxCoeff(&top);
-  // What is not a number has no bin; the last one takes it, and the figures say that they are not finite.
+  // NaN goes to the last bin; the figures are then not finite, and CheckFinite reports them.
   const int bin = confidence < 1.0 ? std::max(0, static_cast<int>(confidence * kBins)) : kBins - 1;
   bins_[bin].confidence += confidence;
   bins_[bin].responsibility += responsibilities[top];

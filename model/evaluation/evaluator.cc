@@ -14,7 +14,6 @@
 #include "absl/base/thread_annotations.h"
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
-#include "locks/mutex.h"
 #include "model/artifact/model_spec.h"
 #include "model/data/recording_groups.h"
 #include "model/evaluation/example_sample.h"
@@ -65,33 +64,33 @@ std::vector<data::Example> EnumerateAll(std::span<const v1::Scenario> recordings
 }
 
 // Measures the examples on the input's threads. Returns false if `progress` cancelled it.
-//   progress: called with the number of examples done
+//   progress: called with the number of examples done, by the calling thread
 bool MeasureAll(const MeasuringContext& context, int worker_count,
                 const std::function<bool(int64_t done)>& progress,
                 std::span<const data::Example> examples, std::span<Measurement> measured) {
-  Mutex mutex;  // guards the calls of progress
   std::atomic<size_t> next = 0;
   std::atomic<int64_t> done = 0;
   std::atomic<bool> stopped = false;
-  const auto work = [&] {
+  const auto work = [&](bool reports) {
     Measurer measurer(context);
+    int64_t reported = 0;
     while (!stopped) {
       const size_t begin = next.fetch_add(Measurer::kBatch);
       if (begin >= examples.size()) break;
       const size_t count = std::min<size_t>(Measurer::kBatch, examples.size() - begin);
       measurer.Measure(examples.subspan(begin, count), measured.subspan(begin, count));
-      const int64_t before = done.fetch_add(static_cast<int64_t>(count));
-      const int64_t after = before + static_cast<int64_t>(count);
-      if (before / kReportEvery != after / kReportEvery) {
-        const MutexLock lock(mutex);
+      const auto added = static_cast<int64_t>(count);
+      const int64_t after = done.fetch_add(added) + added;
+      if (reports && after - reported >= kReportEvery) {
+        reported = after;
         if (!progress(after)) stopped = true;
       }
     }
   };
   {
     std::vector<std::jthread> threads;
-    for (int i = 1; i < worker_count; ++i) threads.emplace_back(work);
-    work();
+    for (int i = 1; i < worker_count; ++i) threads.emplace_back(work, false);
+    work(true);
   }
   return !stopped;
 }

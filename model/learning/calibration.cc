@@ -110,6 +110,101 @@ void CalibrateAlongHorizon(Networks& networks, const Predictions& held_out, doub
   ScaleDecoderCovariance(networks, factor);
 }
 
+// Calibrates a model step by step. Each step needs those before it.
+class Calibration {
+ public:
+  Calibration(Networks& networks, const v1::OptimizationSettings& optimization,
+              const CalibrationRun& run)
+      : networks_(networks), spec_(networks.spec()), optimization_(optimization), run_(run) {}
+
+  absl::Status Run(const SceneSource& training, const SceneSource& held_out) {
+    if (!Encode(training, held_out)) return Stopped();
+    Predict();
+    // How wide q(z|y,s) is, first: q(y|x,s) depends on it, and everything else on that.
+    if (has_held_out_ && FitsLatent(spec_, optimization_) && !FitLatentWidth()) return Stopped();
+    if (has_held_out_ && optimization_.calibrate_probabilities()) {
+      SetTemperature(CalibrateProbabilities(networks_, held_out_), training_);
+    }
+    if (!CalibrateCovariance()) return Stopped();
+    SetMixtureWeights();
+    return absl::OkStatus();
+  }
+
+ private:
+  static absl::Status Stopped() { return absl::CancelledError("training was stopped"); }
+
+  // Returns false if the run is stopped, as the functions below.
+  bool Encode(const SceneSource& training, const SceneSource& held_out) {
+    training_examples_ = EncodeExamples(networks_, training, run_.most.training, run_.threads,
+                                        run_.stopped, run_.count);
+    if (run_.stopped()) return false;
+    held_out_examples_ = EncodeExamples(networks_, held_out, run_.most.held_out, run_.threads,
+                                        run_.stopped, run_.count);
+    has_held_out_ = held_out_examples_.trajectories.defined() &&
+                    held_out_examples_.scenes.size() >= kFewestHeldOut;
+    return !run_.stopped();
+  }
+
+  void Predict() {
+    if (FitsToTraining(spec_, optimization_)) {
+      training_ = learning::Predict(networks_, training_examples_);
+    } else {  // only p(y|s) is needed
+      training_.log_probabilities = PredictLogProbabilities(networks_, training_examples_);
+    }
+    if (has_held_out_) held_out_ = learning::Predict(networks_, held_out_examples_);
+  }
+
+  bool FitLatentWidth() {
+    FitCovariance(networks_, training_, run_.generator);
+    if (run_.stopped()) return false;
+    const CovarianceScale scale =
+        FitCovarianceScale(held_out_, DecoderCovariance(networks_, held_out_), /*fit_latent=*/true);
+    ScaleLatent(networks_, scale.latent_stddev);
+    training_ = held_out_ = {};  // frees their memory first
+    Predict();
+    return true;
+  }
+
+  bool CalibrateCovariance() {
+    if (optimization_.decoder_covariance() == v1::DECODER_COVARIANCE_FIXED) {
+      at::NoGradGuard no_grad;
+      const double variance = std::pow(spec_.decoder_stddev(), 2.0);
+      networks_["decoder.covariance"].copy_(at::tensor({variance, 0.0, variance}, at::kFloat));
+    } else if (spec_.has_scene_covariance()) {
+      if (has_held_out_) CalibrateBySpeed(networks_, held_out_, optimization_.covered_share());
+    } else {
+      FitCovariance(networks_, training_, run_.generator);
+      if (run_.stopped()) return false;
+      if (has_held_out_) {
+        CalibrateAlongHorizon(networks_, held_out_, optimization_.covered_share());
+      }
+    }
+    return true;
+  }
+
+  void SetMixtureWeights() {
+    at::NoGradGuard no_grad;
+    networks_["mixture.log_weight"].copy_(
+        training_.log_probabilities.exp().mean(0).clamp_min(1e-9).log());
+  }
+
+  Networks& networks_;
+  const v1::ModelSpec& spec_;
+  const v1::OptimizationSettings& optimization_;
+  const CalibrationRun& run_;
+  ExampleFeatures training_examples_;
+  ExampleFeatures held_out_examples_;
+  bool has_held_out_ = false;
+  Predictions training_;
+  Predictions held_out_;
+};
+
+int64_t Batches(int64_t examples, int64_t size) { return (examples + size - 1) / size; }
+
+PlannedSteps& StepsOfKind(CalibrationPlan& plan, CalibrationStep kind) {
+  return plan[static_cast<size_t>(kind)];
+}
+
 }  // namespace
 
 double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log_responsibilities) {
@@ -150,61 +245,11 @@ double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log
   return std::exp(0.5 * (low + high));
 }
 
-absl::Status CalibrateModel(Networks& networks, const SceneSource& training_source,
-                            const SceneSource& held_out_source, const CalibrationExamples& most,
-                            const v1::OptimizationSettings& optimization, int threads,
-                            at::Generator& generator, const std::function<bool()>& stopped,
-                            const CountCalibrationStep& count) {
-  const auto stop = [] { return absl::CancelledError("training was stopped"); };
-  const ExampleFeatures training_examples =
-      EncodeExamples(networks, training_source, most.training, threads, stopped, count);
-  if (stopped()) return stop();
-  const ExampleFeatures held_out_examples =
-      EncodeExamples(networks, held_out_source, most.held_out, threads, stopped, count);
-  if (stopped()) return stop();
-  const bool has_held_out =
-      held_out_examples.trajectories.defined() && held_out_examples.scenes.size() >= kFewestHeldOut;
-  const bool fixed = optimization.decoder_covariance() == v1::DECODER_COVARIANCE_FIXED;
-
-  // Otherwise only p(y|s) of the training examples is needed.
-  Predictions training;
-  if (FitsToTraining(networks.spec(), optimization)) {
-    training = Predict(networks, training_examples);
-  } else {
-    training.log_probabilities = PredictLogProbabilities(networks, training_examples);
-  }
-  Predictions held_out = has_held_out ? Predict(networks, held_out_examples) : Predictions();
-  // How wide q(z|y,s) is, first: q(y|x,s) depends on it, and everything else on that.
-  if (has_held_out && FitsLatent(networks.spec(), optimization)) {
-    FitCovariance(networks, training, generator);
-    if (stopped()) return stop();
-    const CovarianceScale scale =
-        FitCovarianceScale(held_out, DecoderCovariance(networks, held_out), /*fit_latent=*/true);
-    ScaleLatent(networks, scale.latent_stddev);
-    training = held_out = {};  // frees their memory first
-    training = Predict(networks, training_examples);
-    held_out = Predict(networks, held_out_examples);
-  }
-  if (has_held_out && optimization.calibrate_probabilities()) {
-    const double temperature = CalibrateProbabilities(networks, held_out);
-    SetTemperature(temperature, training);
-  }
-  if (fixed) {
-    at::NoGradGuard no_grad;
-    const double variance = std::pow(networks.spec().decoder_stddev(), 2.0);
-    networks["decoder.covariance"].copy_(at::tensor({variance, 0.0, variance}, at::kFloat));
-  } else if (networks.spec().has_scene_covariance()) {
-    if (has_held_out) CalibrateBySpeed(networks, held_out, optimization.covered_share());
-  } else {
-    FitCovariance(networks, training, generator);
-    if (stopped()) return stop();
-    if (has_held_out) CalibrateAlongHorizon(networks, held_out, optimization.covered_share());
-  }
-
-  at::NoGradGuard no_grad;
-  networks["mixture.log_weight"].copy_(
-      training.log_probabilities.exp().mean(0).clamp_min(1e-9).log());
-  return absl::OkStatus();
+absl::Status CalibrateModel(Networks& networks, const SceneSource& training,
+                            const SceneSource& held_out,
+                            const v1::OptimizationSettings& optimization,
+                            const CalibrationRun& run) {
+  return Calibration(networks, optimization, run).Run(training, held_out);
 }
 
 absl::Status RecalibrateModel(Networks& networks, const SceneSource& examples, int64_t most,
@@ -233,17 +278,14 @@ absl::Status RecalibrateModel(Networks& networks, const SceneSource& examples, i
 }
 
 CalibrationPlan PlanRecalibration(const v1::ModelSpec& spec, int64_t examples) {
-  const auto batches = [examples](int64_t batch) { return (examples + batch - 1) / batch; };
   CalibrationPlan plan;
-  const auto planned = [&plan](CalibrationStep kind) -> PlannedSteps& {
-    return plan[static_cast<size_t>(kind)];
-  };
-  planned(CalibrationStep::kEncode) = {batches(kEncodedBatch), kEncodedBatch};
-  planned(CalibrationStep::kPredict) = {batches(kPredictedBatch), kPredictedBatch};
+  StepsOfKind(plan, CalibrationStep::kEncode) = {Batches(examples, kEncodedBatch), kEncodedBatch};
+  StepsOfKind(plan, CalibrationStep::kPredict) = {Batches(examples, kPredictedBatch),
+                                                  kPredictedBatch};
   if (spec.has_scene_covariance()) {
-    planned(CalibrationStep::kFit) = SpeedFactorSteps(examples);
+    StepsOfKind(plan, CalibrationStep::kFit) = SpeedFactorSteps(examples);
   } else {
-    planned(CalibrationStep::kScale) = CovarianceScaleSteps(examples);
+    StepsOfKind(plan, CalibrationStep::kScale) = CovarianceScaleSteps(examples);
   }
   return plan;
 }
@@ -254,31 +296,27 @@ CalibrationPlan PlanCalibration(const v1::TrainingSettings& settings,
   const v1::OptimizationSettings& optimization = settings.optimization();
   const bool has_held_out = examples.held_out >= kFewestHeldOut;
   const int64_t times = has_held_out && FitsLatent(spec, optimization) ? 2 : 1;
-  const auto batches = [](int64_t count, int64_t batch) { return (count + batch - 1) / batch; };
   CalibrationPlan plan;
-  const auto planned = [&plan](CalibrationStep kind) -> PlannedSteps& {
-    return plan[static_cast<size_t>(kind)];
-  };
-  planned(CalibrationStep::kEncode) = {
-      batches(examples.training, kEncodedBatch) + batches(examples.held_out, kEncodedBatch),
+  StepsOfKind(plan, CalibrationStep::kEncode) = {
+      Batches(examples.training, kEncodedBatch) + Batches(examples.held_out, kEncodedBatch),
       kEncodedBatch};
-  PlannedSteps& predict = planned(CalibrationStep::kPredict);
+  PlannedSteps& predict = StepsOfKind(plan, CalibrationStep::kPredict);
   predict.examples = kPredictedBatch;
-  if (has_held_out) predict.count += times * batches(examples.held_out, kPredictedBatch);
+  if (has_held_out) predict.count += times * Batches(examples.held_out, kPredictedBatch);
   if (FitsToTraining(spec, optimization)) {
-    predict.count += times * batches(examples.training, kPredictedBatch);
-    PlannedSteps& fit = planned(CalibrationStep::kFit);
+    predict.count += times * Batches(examples.training, kPredictedBatch);
+    PlannedSteps& fit = StepsOfKind(plan, CalibrationStep::kFit);
     fit = spec.has_decoder_covariance() ? CovarianceNetworkSteps(examples.training)
                                         : DecoderCovarianceSteps(examples.training);
     fit.count *= times;
     if (has_held_out) {
-      PlannedSteps& scale = planned(CalibrationStep::kScale);
+      PlannedSteps& scale = StepsOfKind(plan, CalibrationStep::kScale);
       scale = CovarianceScaleSteps(examples.held_out);
       scale.count *= times;
     }
   } else if (spec.has_scene_covariance() && has_held_out &&
              optimization.decoder_covariance() != v1::DECODER_COVARIANCE_FIXED) {
-    planned(CalibrationStep::kFit) = SpeedFactorSteps(examples.held_out);
+    StepsOfKind(plan, CalibrationStep::kFit) = SpeedFactorSteps(examples.held_out);
   }
   return plan;
 }

@@ -25,6 +25,15 @@ using artifact::kFewestHeldOut;
 // be -inf.
 double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log_responsibilities);
 
+// How a model is calibrated.
+struct CalibrationRun {
+  CalibrationExamples most;  // examples that are read of each source, drawn evenly
+  int threads = 1;
+  at::Generator& generator;
+  const std::function<bool()>& stopped;
+  const CountCalibrationStep& count;  // called after each step
+};
+
 // Calibrates what the settings ask for, in this order, each with the earlier ones in place:
 //   1. the width of q(z|y,s), in the scenario encoders' last bias;
 //   2. the temperature of p(y|s), in the action predictor's last layer;
@@ -35,16 +44,14 @@ double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log
 //   4. mixture.log_weight, the mean of p(y|s).
 // With fewer than kFewestHeldOut held-out examples, leaves out what is fitted to them. CANCELLED if
 // `stopped` returns true; the networks are then calibrated in part.
-//   most: examples that are read of each source, drawn evenly
-//   count: called after each step
-absl::Status CalibrateModel(Networks& networks, const SceneSource& training_source,
-                            const SceneSource& held_out_source, const CalibrationExamples& most,
-                            const v1::OptimizationSettings& optimization, int threads,
-                            at::Generator& generator, const std::function<bool()>& stopped,
-                            const CountCalibrationStep& count);
+absl::Status CalibrateModel(Networks& networks, const SceneSource& training,
+                            const SceneSource& held_out,
+                            const v1::OptimizationSettings& optimization,
+                            const CalibrationRun& run);
 
 // Fits what CalibrateModel fits to held-out examples, of a model that is calibrated already: the
-// temperature of p(y|s), then the width of p(x|z). Leaves everything else as it is, also q(z|y,s).
+// temperature of p(y|s), then the width of p(x|z), whether or not the model's settings asked for
+// them. Leaves everything else as it is, also q(z|y,s).
 //   most: examples that are read, drawn evenly
 // FAILED_PRECONDITION if there are fewer than kFewestHeldOut; CANCELLED if `stopped` returns true.
 absl::Status RecalibrateModel(Networks& networks, const SceneSource& examples, int64_t most,

@@ -18,8 +18,8 @@ constexpr int kScaleSteps = 80;
 constexpr double kScaleRate = 0.1;
 constexpr double kMostLatentFactor = 3.0;
 constexpr double kMostScaling = 16.0;
-// Nearly all of q(y|x,s). With one alone a trajectory between two actions has to be an outlier of
-// either, and all widths pay for it.
+// These actions hold nearly all of q(y|x,s). With one action alone, a trajectory between two actions
+// would count as an outlier and widen every covariance.
 constexpr int64_t kOwnActions = 4;
 
 // [.., 3] lower Cholesky factor (l11, l21, l22), the diagonal as logarithms, to xx, xy, yy.

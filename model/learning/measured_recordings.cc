@@ -9,7 +9,7 @@
 namespace maneuver::learning {
 
 MeasuredRecordings ChooseRecordings(const ExampleSet& set, int64_t most) {
-  // Not the hash that holds recordings out: of that, they all have the smallest values.
+  // Not the hash of the split: held-out recordings all have its smallest values.
   constexpr uint64_t kMeasured = 1;
   std::vector<int64_t> counts(set.recordings.size());
   for (const data::Example& example : set.examples) {

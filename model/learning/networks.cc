@@ -17,17 +17,8 @@ namespace {
 
 constexpr double kSmall = 0.05;        // of the usual deviation: last layers that start small
 constexpr double kVectorsShare = 0.4;  // of the usual deviation: layers that read vectors
-// What hardly varies is not blown up, metres.
+// Deviations are at least this, metres, so that nearly constant coordinates are not amplified.
 constexpr double kSmallestDeviation = 0.3;
-
-bool StartsWith(const std::string& name, const std::string& prefix) {
-  return name.compare(0, prefix.size(), prefix) == 0;
-}
-
-bool EndsWith(const std::string& name, const std::string& suffix) {
-  return name.size() >= suffix.size() &&
-         name.compare(name.size() - suffix.size(), suffix.size(), suffix) == 0;
-}
 
 // Inputs of each output of a weight: [out, in], [out, in, k, k] or [K, out, in].
 int64_t FanIn(const std::vector<int64_t>& shape) {
@@ -37,10 +28,10 @@ int64_t FanIn(const std::vector<int64_t>& shape) {
   return fan;
 }
 
-// What adds to something else, which learning begins from as if it were not there.
-bool StartsAtNothing(const std::string& name) {
-  return StartsWith(name, "action_geometry.logit.") ||
-         StartsWith(name, "action_geometry.latent.") || StartsWith(name, "mean_residual.");
+// Layers whose output is added to another one. They start at 0, as if they were absent.
+bool StartsAtZero(const std::string& name) {
+  return name.starts_with("action_geometry.logit.") ||
+         name.starts_with("action_geometry.latent.") || name.starts_with("mean_residual.");
 }
 
 // Numbers `first` .. `last` of a set's elements.
@@ -64,13 +55,13 @@ constexpr InputRange kMayBeMissing[] = {
 // Layers whose inputs are numbers of all kinds and whose outputs are summed.
 bool ReadsVectors(const std::string& name) {
   for (const char* prefix : {"history.", "lane_path.", "agent.", "join.", "action_geometry."}) {
-    if (StartsWith(name, prefix)) return true;
+    if (name.starts_with(prefix)) return true;
   }
   return false;
 }
 
 bool IsResidualWeight(const std::string& name) {
-  return StartsWith(name, "mean_residual.") && EndsWith(name, ".weight");
+  return name.starts_with("mean_residual.") && name.ends_with(".weight");
 }
 
 // The four functions of time that ln stddev of scene_covariance is a sum of (tensor.h). [T, 4]
@@ -132,13 +123,13 @@ Networks::Networks(const v1::ModelSpec& spec, at::Device device, at::Generator& 
   const std::string last_covariance_layer =
       "scene_covariance." + std::to_string(spec.scene_covariance().hidden_size());
   for (auto [name, shape] : artifact::TensorShapes(spec)) {
-    if (StartsWith(name, last_decoder_layer_)) shape[0] = 2 * functions;
+    if (name.starts_with(last_decoder_layer_)) shape[0] = 2 * functions;
     at::Tensor values = at::zeros(shape, at::kFloat);
     bool learned = true;
-    if (EndsWith(name, "running_mean") || name == "decoder.covariance" ||
+    if (name.ends_with("running_mean") || name == "decoder.covariance" ||
         name == "trajectory.mean") {
       learned = false;
-    } else if (EndsWith(name, "running_var") || name == "trajectory.stddev") {
+    } else if (name.ends_with("running_var") || name == "trajectory.stddev") {
       values.fill_(1.0);
       learned = false;
     } else if (name == "mean_residual.curves") {
@@ -149,13 +140,13 @@ Networks::Networks(const v1::ModelSpec& spec, at::Device device, at::Generator& 
     } else if (name == last_covariance_layer + ".bias") {
       // Along and across: spreads that grow with the time.
       values.copy_(at::tensor({0.0, 1.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0}, at::kFloat));
-    } else if (StartsAtNothing(name)) {
+    } else if (StartsAtZero(name)) {
       values.zero_();
-    } else if (StartsWith(name, "backbone.") && shape.size() == 1 && EndsWith(name, ".weight")) {
+    } else if (name.starts_with("backbone.") && shape.size() == 1 && name.ends_with(".weight")) {
       values.fill_(1.0);  // of a normalisation
     } else if (name == "mixture.log_weight") {
       values.fill_(-std::log(static_cast<double>(spec.actions())));
-    } else if (EndsWith(name, ".weight")) {
+    } else if (name.ends_with(".weight")) {
       double stddev = std::sqrt(2.0 / static_cast<double>(FanIn(shape)));
       if (name == last_scenario_layer || name == last_action_layer ||
           name == last_covariance_layer + ".weight") {
@@ -390,7 +381,7 @@ std::vector<std::string> Networks::NamesOf(Part part) const {
     size_t longest = 0;
     bool belongs = false;
     for (const auto& [prefix, of] : parts) {
-      if (!StartsWith(name, prefix) || prefix.size() < longest) continue;
+      if (!name.starts_with(prefix) || prefix.size() < longest) continue;
       longest = prefix.size();
       belongs = of == part;
     }
@@ -408,7 +399,7 @@ std::vector<at::Tensor> Networks::Parameters(Part part) const {
 std::vector<bool> Networks::Decays(Part part) const {
   std::vector<bool> decays;
   for (const std::string& name : NamesOf(part)) {
-    decays.push_back(EndsWith(name, ".weight") && (*this)[name].dim() > 1);
+    decays.push_back(name.ends_with(".weight") && (*this)[name].dim() > 1);
   }
   return decays;
 }
@@ -416,7 +407,7 @@ std::vector<bool> Networks::Decays(Part part) const {
 std::vector<at::Tensor> Networks::RunningMoments() const {
   std::vector<at::Tensor> moments;
   for (const auto& [name, tensor] : tensors_) {
-    if (EndsWith(name, "running_mean") || EndsWith(name, "running_var")) moments.push_back(tensor);
+    if (name.ends_with("running_mean") || name.ends_with("running_var")) moments.push_back(tensor);
   }
   return moments;
 }
@@ -432,12 +423,12 @@ void Networks::Restore(const Snapshot& snapshot) {
   for (auto& [name, tensor] : tensors_) tensor.copy_(snapshot.at(name));
 }
 
-void Networks::SilenceScenarioEncoders() {
+void Networks::ZeroScenarioEncoders() {
   at::NoGradGuard no_grad;
   const std::string last =
       "scenario_encoder." + std::to_string(spec_.scenario_encoder().hidden_size()) + ".";
   for (auto& [name, tensor] : tensors_) {
-    if (StartsWith(name, last) || StartsWith(name, "action_geometry.latent.") ||
+    if (name.starts_with(last) || name.starts_with("action_geometry.latent.") ||
         IsResidualWeight(name)) {
       tensor.zero_();
     }
@@ -464,7 +455,7 @@ artifact::TensorMap Networks::Export() const {
   for (const auto& [name, tensor] : tensors_) {
     at::Tensor exported = tensor;
     if (name == "mixture.log_weight") exported = at::log_softmax(tensor, 0);
-    if (StartsWith(name, last_decoder_layer_)) exported = at::matmul(to_positions, tensor);
+    if (name.starts_with(last_decoder_layer_)) exported = at::matmul(to_positions, tensor);
     if (name == "mean_residual.curves") exported = CurveMap();
     const at::Tensor values = exported.detach().to(at::kCPU).contiguous();
     artifact::Tensor& copy = weights[name];
@@ -488,7 +479,7 @@ void Networks::Import(const artifact::TensorMap& weights) {
   const at::Tensor to_coefficients = (CurveMap() / deviations.t()).t() / deviations * stddev.t();
   for (auto& [name, tensor] : tensors_) {
     at::Tensor imported = values(name);
-    if (StartsWith(name, last_decoder_layer_)) imported = at::matmul(to_coefficients, imported);
+    if (name.starts_with(last_decoder_layer_)) imported = at::matmul(to_coefficients, imported);
     if (IsResidualWeight(name)) {
       // From the coefficients of the stored curves, in metres, to ours in standard deviations.
       imported = at::matmul((CurveMap() / deviations.t()).t() / deviations,

@@ -70,7 +70,7 @@ class Networks {
   at::Tensor PredictCovariance(const at::Tensor& latents) const;
   // Makes what depends on the scene in p(x|z,y,s) and q(z|y,s) add nothing, so that both are those
   // of the generic action, as in the base objective.
-  void SilenceScenarioEncoders();
+  void ZeroScenarioEncoders();
   // Makes p(y|s) = 0 for these actions from now on.
   void SwitchOff(std::span<const int> actions);
   // Returns q_1(z|s) .. q_K(z|s). They are computed relative to the mixture's components, which get
@@ -117,7 +117,8 @@ class Networks {
   // Keeps the standard deviations of coefficients that Standardize found.
   void Import(const artifact::TensorMap& weights);
 
-  // Copies of all learned tensors: Save returns them, Restore puts them back.
+  // Copies of all tensors, also of those that are not learned, but not of the coefficients' standard
+  // deviations (Standardize): Save returns them, Restore puts them back.
   using Snapshot = std::map<std::string, at::Tensor>;
   Snapshot Save() const;
   void Restore(const Snapshot& snapshot);
@@ -129,13 +130,15 @@ class Networks {
   at::Tensor EvaluateBackbone(const RasterBatch& rasters, bool training);
   at::Tensor Mlp(const std::string& name, size_t layers, at::Tensor x) const;
   // Evaluates the K networks `name` side by side. features [B, F'] -> [K, B, out]
-  at::Tensor PerAction(const std::string& name, int layers, const at::Tensor& features) const;
+  //   hidden_layers: the networks have one layer more
+  at::Tensor PerAction(const std::string& name, int hidden_layers,
+                       const at::Tensor& features) const;
   // Returns joint features of history, lane paths, agents and raster. Writes l_i, [B, paths, P], to
   // `lane_paths`.
   at::Tensor ReadScenes(const SceneTensors& scenes, const Mode& mode, at::Tensor* lane_paths);
   // Returns h_y. lane_paths: l_i;  features: [B, F'] -> [B, K, A]
-  at::Tensor LookAtLanes(const SceneTensors& scenes, const at::Tensor& lane_paths,
-                         const at::Tensor& features) const;
+  at::Tensor EncodeActionGeometry(const SceneTensors& scenes, const at::Tensor& lane_paths,
+                                  const at::Tensor& features) const;
   // Evaluates the layer `name`, [..., in] -> [..., out].
   at::Tensor Dense(const std::string& name, const at::Tensor& x) const;
   at::Tensor Drop(const at::Tensor& values, double share, at::Generator& generator) const;

@@ -67,7 +67,7 @@ struct BoundWeights {
 
 // The outputs of the base model for a batch.
 struct BaseModel {
-  at::Tensor trajectories;  // x, [B, 2T]
+  at::Tensor trajectories;  // x, relative to the reference if there is one, [B, 2T]
   at::Tensor decoded;       // mean of p(x|z~), [B, 2T]
   Gaussian q_z;             // [B, D]
   Gaussian p_z;             // [K, D]

@@ -111,7 +111,7 @@ void AdamW::Step(double share) {
     } else {
       others.Add(step, gradient, slot.parameter, slot.first_moment, slot.second_moment);
     }
-    // Gone rather than zero: the next one is then taken as it is, not added.
+    // Resets instead of zeroing: the next backward pass then stores its gradient, and adds nothing.
     slot.parameter.mutable_grad().reset();
   }
   others.Take();

@@ -22,7 +22,7 @@ class AdamW {
  public:
   // Adds parameters that learn at `rate` and decay by `decay`.
   void Add(const std::vector<at::Tensor>& parameters, double rate, double decay);
-  // Does the same, but only those of the parameters decay that `decays` says.
+  // Does the same, but only those of the parameters decay that `decays` says. Vectors never do.
   //   decays: one for each parameter
   void Add(const std::vector<at::Tensor>& parameters, const std::vector<bool>& decays, double rate,
            double decay);

@@ -15,7 +15,10 @@
 #include "model/evaluation/action_names.h"
 #include "model/learning/calibration.h"
 #include "model/learning/export.h"
+#include "model/learning/learner.h"
 #include "model/learning/networks.h"
+#include "model/learning/phases/calibrate.h"
+#include "model/learning/provenance.h"
 #include "model/learning/run_examples.h"
 #include "model/learning/scene_source.h"
 #include "model/learning/torch_errors.h"
@@ -74,14 +77,14 @@ class Recalibration {
  private:
   static std::vector<TrainingProgress::Phase> Plan(const v1::ModelSpec& spec, int64_t fitted,
                                                    int64_t held_out) {
-    // The costs of a batch that is encoded and of a hundredth of the measured examples, about.
+    // The costs of a batch that is encoded and of a step of the measured examples, about.
     constexpr double kEncodeCost = 3.0;
     constexpr double kMeasureCost = 0.3;
     const auto measured = static_cast<double>(std::min(held_out, kMostMeasured));
     return {{"load", 1, 1, 1.0},
-            CalibrationPhase("calibrate", PlanRecalibration(spec, fitted), kEncodeCost),
-            {"export", 1, 1, 1.0},
-            {"evaluate", 1, 100, kMeasureCost * measured / 100.0}};
+            CalibrationPhase(kCalibratePhase, PlanRecalibration(spec, fitted), kEncodeCost),
+            {kExportPhase, 1, 1, 1.0},
+            {kEvaluatePhase, 1, kEvaluateSteps, kMeasureCost * measured / kEvaluateSteps}};
   }
 
   absl::StatusOr<TrainingData> Load(v1::TrainingSettings settings,
@@ -94,7 +97,7 @@ class Recalibration {
   // Puts the tensors that calibration changes into the model, and leaves the bytes of the others.
   absl::Status Fit(const v1::TrainingSettings& settings, const TrainingData& data, int64_t most,
                    artifact::StoredModel& model) {
-    progress_.BeginPhase("calibrate");
+    progress_.BeginPhase(kCalibratePhase);
     progress_.BeginEpoch(1);
     at::Generator generator = MakeGenerator(static_cast<uint64_t>(settings.seed()));
     Networks networks(settings.model(), at::Device(at::kCPU), generator);
@@ -117,7 +120,7 @@ class Recalibration {
 
   absl::StatusOr<v1::ModelManifest> Export(const v1::TrainingSettings& settings,
                                            const TrainingData& data, artifact::StoredModel model) {
-    progress_.BeginPhase("export");
+    progress_.BeginPhase(kExportPhase);
     ExportOptions options;
     options.output = run_.output;
     options.threads = threads_;
@@ -136,13 +139,10 @@ class Recalibration {
       return baselines.status();
     }
     Describe(settings, data, &model.manifest);
-    progress_.BeginPhase("evaluate");
-    int64_t reported = 0;  // hundredths, as the plan has it
-    options.progress = [this, &reported](int64_t done, int64_t total) {
-      for (const int64_t now = 100 * done / std::max<int64_t>(1, total); reported < now;
-           ++reported) {
-        progress_.Step(0);
-      }
+    progress_.BeginPhase(kEvaluatePhase);
+    ExampleSteps measured(progress_, kEvaluateSteps);
+    options.progress = [this, &measured](int64_t done, int64_t total) {
+      measured.Reach(done, total);
       return !stopped_();
     };
     return ExportModel(std::move(model), data, run_.examples, options);
@@ -153,18 +153,8 @@ class Recalibration {
     manifest->clear_actions();
     manifest->clear_metrics();
     manifest->clear_rivals();
-    v1::Provenance provenance;
-    for (const std::string& name : run_.dataset_names) provenance.add_datasets(name);
-    provenance.set_start_from(run_.model_name);
-    *provenance.mutable_settings() = settings;
-    provenance.mutable_train_time()->set_seconds(
-        std::chrono::duration_cast<std::chrono::seconds>(
-            std::chrono::system_clock::now().time_since_epoch())
-            .count());
-    provenance.set_trainer_version(run_.trainer_version);
-    provenance.set_training_examples(data.TrainingExamples());
-    provenance.set_validation_examples(static_cast<int64_t>(data.validation.examples.size()));
-    *manifest->mutable_provenance() = std::move(provenance);
+    *manifest->mutable_provenance() =
+        MakeProvenance(settings, data, run_.dataset_names, run_.model_name, run_.trainer_version);
   }
 
   const RecalibrationRun& run_;

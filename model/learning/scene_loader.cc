@@ -22,8 +22,8 @@ using Clock = std::chrono::steady_clock;
 
 namespace {
 
-// Rasters are needed in a while, a step's threads now: one that waits for its core has all others
-// wait for it. Not so nice that on a single core the step had to wait for its rasters instead.
+// Loader threads yield to the training step, whose threads all wait for the slowest one. A higher
+// value would starve the loader on a single core.
 constexpr int kNiceness = 5;
 
 // Frames of the past that a model looks at, the present included.

@@ -92,8 +92,8 @@ at::Tensor Networks::ReadScenes(const SceneTensors& scenes, const Mode& mode,
   return Dense("join", at::cat(parts, 1)).relu();
 }
 
-at::Tensor Networks::LookAtLanes(const SceneTensors& scenes, const at::Tensor& lane_paths,
-                                 const at::Tensor& features) const {
+at::Tensor Networks::EncodeActionGeometry(const SceneTensors& scenes, const at::Tensor& lane_paths,
+                                          const at::Tensor& features) const {
   const int64_t batch = features.size(0), actions = spec_.actions();
   at::Tensor pairs = at::empty({batch, actions, kMostLanePaths, kPairNumbers}, at::kFloat);
   at::Tensor numbers = at::empty({batch, actions, kActionNumbers}, at::kFloat);
@@ -154,7 +154,7 @@ SceneFeatures Networks::EncodeScenes(const SceneTensors& scenes, const Mode& mod
     encoded.features = at::cat({encoded.features, scenes.motions.to(device_)}, 1);
   }
   if (spec_.has_action_geometry()) {
-    encoded.geometry = LookAtLanes(scenes, lane_paths, encoded.features);
+    encoded.geometry = EncodeActionGeometry(scenes, lane_paths, encoded.features);
     if (mode.training != nullptr && mode.geometry_dropout > 0.0) {
       encoded.geometry = Drop(encoded.geometry, mode.geometry_dropout, *mode.training);
     }

@@ -9,8 +9,8 @@ namespace {
 
 constexpr int kFactorSteps = 60;
 constexpr double kFactorRate = 0.1;
-// How many examples a bin's factors are drawn to the others' by. Examples of one recording are
-// alike: 300 are worth about a dozen recordings.
+// Weight, in examples, of the prior that pulls a bin's factors towards those of the other bins.
+// Examples of one recording are alike: 300 are worth about a dozen recordings.
 constexpr double kPriorExamples = 300.0;
 // How many examples it takes to scale a part of the bins by itself.
 constexpr int64_t kFewestInPart = 100;

@@ -18,6 +18,7 @@
 #include "model/learning/checkpoint_contents.h"
 #include "model/learning/export.h"
 #include "model/learning/learner.h"
+#include "model/learning/provenance.h"
 #include "model/learning/ranks/rank_group.h"
 #include "model/learning/run_examples.h"
 #include "model/learning/tensors.h"
@@ -238,16 +239,13 @@ class Training {
     options.names = std::move(given.derived);
     options.least_effective_actions = run_.least_effective_actions;
     bool is_measuring = false;
-    int64_t reported = 0;  // steps
+    ExampleSteps measured(progress_, kEvaluateSteps);
     const auto begin_measuring = [this, &is_measuring] {
       if (!std::exchange(is_measuring, true)) progress_.BeginPhase(kEvaluatePhase);
     };
-    options.progress = [this, &begin_measuring, &reported](int64_t done, int64_t total) {
+    options.progress = [this, &begin_measuring, &measured](int64_t done, int64_t total) {
       begin_measuring();
-      for (const int64_t now = kEvaluateSteps * done / std::max<int64_t>(1, total); reported < now;
-           ++reported) {
-        progress_.Step(0);
-      }
+      measured.Reach(done, total);
       return !ranks_.StopRequested();
     };
     absl::StatusOr<v1::ModelManifest> manifest =
@@ -290,17 +288,8 @@ class Training {
   v1::ModelManifest Describe(const TrainingData& data) const {
     v1::ModelManifest manifest;
     *manifest.mutable_spec() = settings_.model();
-    v1::Provenance& provenance = *manifest.mutable_provenance();
-    for (const std::string& name : run_.dataset_names) provenance.add_datasets(name);
-    provenance.set_start_from(run_.start_from_name);
-    *provenance.mutable_settings() = settings_;
-    provenance.mutable_train_time()->set_seconds(
-        std::chrono::duration_cast<std::chrono::seconds>(
-            std::chrono::system_clock::now().time_since_epoch())
-            .count());
-    provenance.set_trainer_version(run_.trainer_version);
-    provenance.set_training_examples(data.TrainingExamples());
-    provenance.set_validation_examples(static_cast<int64_t>(data.validation.examples.size()));
+    *manifest.mutable_provenance() = MakeProvenance(settings_, data, run_.dataset_names,
+                                                    run_.start_from_name, run_.trainer_version);
     return manifest;
   }
 

@@ -3,6 +3,7 @@
 #ifndef MANEUVER_MODEL_LEARNING_TRAINING_PROGRESS_H_
 #define MANEUVER_MODEL_LEARNING_TRAINING_PROGRESS_H_
 
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <functional>
@@ -116,6 +117,26 @@ class TrainingProgress {
   int64_t step_ = 0;
   int64_t sequence_ = 0;
   double resumed_at_ = 0.0;  // fraction
+};
+
+// Counts the steps of a phase in which examples are measured: equal parts of them.
+class ExampleSteps {
+ public:
+  //   steps: of the phase. `progress` must outlive this object.
+  ExampleSteps(TrainingProgress& progress, int64_t steps) : progress_(progress), steps_(steps) {}
+
+  // Counts the steps that are complete once `done` of `total` examples are measured.
+  void Reach(int64_t done, int64_t total) {
+    for (const int64_t now = steps_ * done / std::max<int64_t>(1, total); reached_ < now;
+         ++reached_) {
+      progress_.Step(0);
+    }
+  }
+
+ private:
+  TrainingProgress& progress_;
+  const int64_t steps_;
+  int64_t reached_ = 0;
 };
 
 }  // namespace maneuver::learning

@@ -13,9 +13,9 @@ absl::Status Calibrate(LearningState& state, EpochLoop& loop) {
 
 absl::Status CalibrateBy(const CalibrationExamples& most, LearningState& state,
                          const CountCalibrationStep& count) {
-  return CalibrateModel(state.networks, state.training, state.validation, most,
-                        state.settings.optimization(), state.threads, state.generator,
-                        state.stopped, count);
+  return CalibrateModel(state.networks, state.training, state.validation,
+                        state.settings.optimization(),
+                        {most, state.threads, state.generator, state.stopped, count});
 }
 
 }  // namespace maneuver::learning

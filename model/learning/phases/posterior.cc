@@ -8,7 +8,7 @@ absl::Status TrainScenarioEncoders(LearningState& state, EpochLoop& loop) {
   const v1::OptimizationSettings& optimization = state.settings.optimization();
   const v1::Objective objective = state.settings.model().objective();
   if (objective == v1::OBJECTIVE_BASE) {
-    state.networks.SilenceScenarioEncoders();
+    state.networks.ZeroScenarioEncoders();
     return absl::OkStatus();
   }
   return MaximizeBound(
