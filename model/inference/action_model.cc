@@ -363,9 +363,10 @@ class Session final : public InferenceSession {
     }
   }
 
-  // Sigma trajectories and moments of a distribution (probability::MomentsOfSigmaPoints), from its
-  // decoded sigma points, rows of decoded_; what p(x|z) adds is in the moments already.
-  //   shift: as ShiftOf answers it
+  // Computes the sigma trajectories and the moments of a distribution
+  // (probability::MomentsOfSigmaPoints) from rows of decoded_, its decoded sigma points. The moments
+  // already hold the covariance of p(x|z).
+  //   shift: from ShiftOf
   void FillTrajectories(Eigen::Index first, Eigen::Index points, const Eigen::RowVectorXd& shift,
                         ActionDistribution* distribution) {
     RowMajorXd images = DecodedMetres(first, points, shift);

@@ -7,9 +7,9 @@
 #include <utility>
 
 #include "absl/strings/match.h"
-#include "absl/strings/str_cat.h"
 #include "model/artifact/anchor_baselines.h"
 #include "model/artifact/model_folder.h"
+#include "model/inference/stored_layers.h"
 
 namespace maneuver::inference {
 namespace {
@@ -18,16 +18,10 @@ using artifact::AnchorGaussian;
 using artifact::Tensor;
 using artifact::TensorMap;
 
+// Returns nullptr for anchors without a regression.
 std::unique_ptr<const Mlp> MakeRegression(const TensorMap& weights) {
-  std::vector<DenseLayer> layers;
-  for (int i = 0;; ++i) {
-    const auto weight = weights.find(absl::StrCat("anchor_regression.", i, ".weight"));
-    if (weight == weights.end()) break;
-    layers.emplace_back(static_cast<int>(weight->second.shape[1]),
-                        static_cast<int>(weight->second.shape[0]), weight->second.values.data(),
-                        weights.at(absl::StrCat("anchor_regression.", i, ".bias")).values.data());
-  }
-  return layers.empty() ? nullptr : std::make_unique<const Mlp>(std::move(layers));
+  if (!weights.contains("anchor_regression.0.weight")) return nullptr;
+  return std::make_unique<const Mlp>(StoredMlp(weights, "anchor_regression", /*bf16=*/false));
 }
 
 }  // namespace

@@ -55,7 +55,7 @@ void AverageCells(const Value* grid, size_t cells, size_t channels, float* mean)
   for (size_t c = 0; c < channels; ++c) mean[c] /= static_cast<float>(cells);
 }
 
-// Of an average's step.
+// Averages the cells of an average pool's input.
 //   grid: as step.source says;  mean: [C]
 void AverageCells(const BackboneStep& step, const void* grid, float* mean) {
   const GridSize& size = step.layer.input;

@@ -11,7 +11,7 @@ using Format = dnnl::memory::format_tag;
 using Kind = artifact::BackboneLayer::Kind;
 using Type = dnnl::memory::data_type;
 
-bool TakesWinograd(const BackboneLayer& layer) {
+bool SuitsWinograd(const BackboneLayer& layer) {
   return layer.kind == Kind::kConvolution && layer.kernel == 3 && layer.stride == 1;
 }
 
@@ -46,7 +46,7 @@ size_t FirstInBlocks(std::span<const BackboneLayer> layers, size_t begin, bool b
   while (begin < layers.size() && layers[begin].kind == Kind::kMaxPool) ++begin;
   const auto rest = layers.subspan(std::min(begin, layers.size()));
   const bool pays =
-      std::ranges::all_of(rest, FillsBlocks) && std::ranges::any_of(rest, TakesWinograd);
+      std::ranges::all_of(rest, FillsBlocks) && std::ranges::any_of(rest, SuitsWinograd);
   return pays ? begin : layers.size();
 }
 
@@ -72,7 +72,7 @@ void MakeConvolution(const FoldedConvolution& folded, BackboneStep* step) {
         attributes, CpuEngine(), may_be_none);
   };
   dnnl::convolution_forward::primitive_desc description;
-  if (step->layout == GridLayout::kChannelBlocks && TakesWinograd(layer)) {
+  if (step->layout == GridLayout::kChannelBlocks && SuitsWinograd(layer)) {
     description = describe(dnnl::algorithm::convolution_winograd, /*may_be_none=*/true);
   }
   if (!description) description = describe(dnnl::algorithm::convolution_direct, false);

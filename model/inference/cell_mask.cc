@@ -53,10 +53,10 @@ bool CellMask::HasAny(int row) const {
 
 void CellMask::SetAll() {
   std::ranges::fill(bits_, ~uint64_t{0});
-  for (int row = 0; row < height_; ++row) CutRow(row);
+  for (int row = 0; row < height_; ++row) ClearBeyondWidth(row);
 }
 
-void CellMask::CutRow(int row) {
+void CellMask::ClearBeyondWidth(int row) {
   const int left = width_ % kBits;
   if (left != 0) Row(row)[words_ - 1] &= (uint64_t{1} << left) - 1;
 }
@@ -79,11 +79,11 @@ void CellMask::SetPixels(const scene::Raster& raster, int channels) {
         }
       }
     }
-    CutRow(row);
+    ClearBeyondWidth(row);
   }
 }
 
-void CellMask::SetSeen(const CellMask& input, const artifact::BackboneLayer& layer) {
+void CellMask::SetDependent(const CellMask& input, const artifact::BackboneLayer& layer) {
   const int padding = layer.kernel / 2;
   met_.resize(static_cast<size_t>((input.width_ + layer.kernel + kBits - 1) / kBits));
   seen_.resize(met_.size());
@@ -115,7 +115,7 @@ void CellMask::SetSeen(const CellMask& input, const artifact::BackboneLayer& lay
         bits[column / kBits] |= bit << (column % kBits);
       }
     }
-    CutRow(row);
+    ClearBeyondWidth(row);
   }
 }
 

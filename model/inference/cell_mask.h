@@ -58,7 +58,7 @@ class CellMask {
   void Add(int row, int column) { Row(row)[column / kBits] |= uint64_t{1} << (column % kBits); }
   // Sets exactly the cells of a convolution's output whose kernel covers a cell of `input`.
   //   layer: the convolution; its output has this mask's size
-  void SetSeen(const CellMask& input, const artifact::BackboneLayer& layer);
+  void SetDependent(const CellMask& input, const artifact::BackboneLayer& layer);
 
   // Calls `call` with the column of each cell that is set in a row, from left to right.
   template <typename Call>
@@ -84,13 +84,13 @@ class CellMask {
   const uint64_t* Row(int row) const { return &bits_[static_cast<size_t>(row * words_)]; }
   uint64_t* Row(int row) { return &bits_[static_cast<size_t>(row * words_)]; }
   // Clears the bits beyond a row's last cell.
-  void CutRow(int row);
+  void ClearBeyondWidth(int row);
 
   int height_;
   int width_;
   int words_;                   // of a row
   std::vector<uint64_t> bits_;  // [height, words], the leftmost cell the lowest bit
-  // Scratch of SetSeen for one row: the input cells under its kernels, and the kernels that cover a
+  // Scratch of SetDependent for one row: the input cells under its kernels, and the kernels that cover a
   // set cell. They extend beyond the last cell by the size of a kernel.
   std::vector<uint64_t> met_;
   std::vector<uint64_t> seen_;

@@ -10,8 +10,8 @@ constexpr double kMaxNonzeroShareBf16 = 0.05;
 
 }  // namespace
 
-bool FirstLayer::Takes(const artifact::BackboneLayer& layer) {
-  return MapConvolution::Takes(layer) && SparseConvolution::Takes(layer);
+bool FirstLayer::Supports(const artifact::BackboneLayer& layer) {
+  return MapConvolution::Supports(layer) && SparseConvolution::Supports(layer);
 }
 
 FirstLayer::FirstLayer(const artifact::BackboneLayer& layer, const FoldedConvolution& folded,
@@ -25,7 +25,7 @@ FirstLayer::FirstLayer(const artifact::BackboneLayer& layer, const FoldedConvolu
       map_(layer, folded),
       agents_(layer, folded) {}
 
-bool FirstLayer::Look(const scene::Raster& raster, Scratch* scratch) const {
+bool FirstLayer::FindNonzeroPixels(const scene::Raster& raster, Scratch* scratch) const {
   scratch->map_pixels_.SetPixels(raster, MapConvolution::kChannels);
   scratch->pixels_ = scratch->map_pixels_;
   const kernels::NonzeroValues& agents = scratch->agents_;
@@ -51,7 +51,7 @@ void FirstLayer::Evaluate(const scene::Raster& raster, const CellMask& cells, Sc
     if (!cells.HasAny(row)) continue;
     map_.Row(raster, scratch->map_pixels_, row, cells, &scratch->map_, sums);
     agents_.AddRow(scratch->agents_, row, sums);
-    // Groups of cells that are summed, as many neighbours at a time as there are.
+    // Stores runs of neighbouring groups that were summed.
     for (int column = 0, end = 0; column < width; column = end) {
       const bool summed = MapConvolution::Sums(cells, row, column);
       for (end = column; end < width && MapConvolution::Sums(cells, row, end) == summed;) {

@@ -29,7 +29,7 @@ class FirstLayer {
    public:
     explicit Scratch(const FirstLayer& layer)
         : map_pixels_(layer.layer_.input.height, layer.layer_.input.width), pixels_(map_pixels_) {}
-    // Returns the pixels that are nonzero in any channel of the last raster given to Look.
+    // Returns the pixels that are nonzero in any channel of the last raster given to FindNonzeroPixels.
     const CellMask& pixels() const { return pixels_; }
 
    private:
@@ -43,7 +43,7 @@ class FirstLayer {
   };
 
   // Returns whether a layer is supported: MapConvolution and SparseConvolution must support it.
-  static bool Takes(const artifact::BackboneLayer& layer);
+  static bool Supports(const artifact::BackboneLayer& layer);
 
   // Prepares a layer that reads the raster's bytes directly.
   //   bf16: the precision of the other layers and of the grid that Evaluate writes
@@ -53,9 +53,9 @@ class FirstLayer {
 
   // Finds the nonzero pixels. Returns false if so many values of the agents' channels are nonzero
   // that a dense convolution takes less time.
-  bool Look(const scene::Raster& raster, Scratch* scratch) const;
+  bool FindNonzeroPixels(const scene::Raster& raster, Scratch* scratch) const;
 
-  // Evaluates the layer for the raster that was given to Look.
+  // Evaluates the layer for the raster that was given to FindNonzeroPixels.
   //   cells: the output cells to write; must contain every cell that depends on a nonzero pixel.
   //     Neighbours of these cells may be written as well.
   //   grid: [h, row_values] bf16 or floats; the first [w, C'] of each row are the output

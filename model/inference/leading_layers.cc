@@ -19,7 +19,7 @@ bool CanComputeCells(const BackboneLayer& layer, bool bf16) {
 }  // namespace
 
 size_t LeadingLayers::Count(std::span<const BackboneLayer> layers, bool bf16) {
-  if (layers.empty() || !FirstLayer::Takes(layers[0])) return 0;
+  if (layers.empty() || !FirstLayer::Supports(layers[0])) return 0;
   // What a residual block adds is read twice: those layers' outputs have to be whole.
   const bool plain =
       std::ranges::none_of(layers, [](const BackboneLayer& layer) { return layer.adds; });
@@ -62,7 +62,7 @@ LeadingLayers::LeadingLayers(std::span<const BackboneLayer> layers,
   for (size_t i = 0; i < grids_.size(); ++i) scratch.places_[i] = grids_[i].zero_output.data();
   const artifact::GridSize& input = layers_[0].input;
   const scene::Raster zeros(input.height, input.width, input.channels);
-  first_.Look(zeros, &scratch.first_);
+  first_.FindNonzeroPixels(zeros, &scratch.first_);
   EvaluateCells(zeros, &scratch);
 }
 
@@ -85,11 +85,11 @@ LeadingLayers::Scratch::Scratch(const LeadingLayers& layers) : first_(layers.fir
 }
 
 bool LeadingLayers::Evaluate(const scene::Raster& raster, Scratch* scratch, void* grid) const {
-  if (!first_.Look(raster, &scratch->first_)) return false;
+  if (!first_.FindNonzeroPixels(raster, &scratch->first_)) return false;
   const CellMask* seen = &scratch->first_.pixels();
   for (size_t i = 0; i < layers_.size(); ++i) {
     std::swap(scratch->masks_[i], scratch->computed_[i]);
-    scratch->masks_[i].SetSeen(*seen, layers_[i]);
+    scratch->masks_[i].SetDependent(*seen, layers_[i]);
     seen = &scratch->masks_[i];
     if (i + 1 < layers_.size()) RestoreZeroOutput(i, scratch);
   }
@@ -123,7 +123,7 @@ void LeadingLayers::EvaluateCells(const scene::Raster& raster, Scratch* scratch)
     scratch->cells_.clear();
     for (int row = 0; row < layers_[i].output.height; ++row) {
       scratch->masks_[i].ForEach(row, [&](int column) {
-        // The padding makes up for what the kernel begins before its cell.
+        // The grid's padding offsets the kernel's half width.
         const ptrdiff_t input =
             row * stride * from->row_values + ptrdiff_t{column} * stride * from->channels;
         scratch->cells_.push_back({input, to.Place(row, column)});

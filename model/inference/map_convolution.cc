@@ -9,7 +9,7 @@ constexpr int kChannels = MapConvolution::kChannels;
 
 }  // namespace
 
-bool MapConvolution::Takes(const artifact::BackboneLayer& layer) {
+bool MapConvolution::Supports(const artifact::BackboneLayer& layer) {
   return layer.kind == artifact::BackboneLayer::Kind::kConvolution && !layer.adds &&
          layer.kernel > 1 && layer.kernel <= kernels::kMostMapRows &&
          layer.input.channels > kChannels &&

@@ -45,7 +45,7 @@ class MapConvolution {
   };
 
   // Returns whether a layer is supported: its outputs must fill vectors.
-  static bool Takes(const artifact::BackboneLayer& layer);
+  static bool Supports(const artifact::BackboneLayer& layer);
 
   // Prepares the first kChannels channels of a layer that reads the raster's bytes directly.
   MapConvolution(const artifact::BackboneLayer& layer, const FoldedConvolution& folded);

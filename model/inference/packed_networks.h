@@ -40,8 +40,7 @@ struct PackedNetworks {
   Mlp action_predictor;    // F' -> K logits of p(y|s)
   Mlp trajectory_encoder;  // 2T -> 2D: mean and log-variance of q(z|x)
   Mlp decoder;             // D -> 2T
-  // Only in bf16, and for actions relative to a reference: what models in metres answer keeps the
-  // bits that it had.
+  // Only in bf16 with a reference. Models in metres keep the bits of earlier releases.
   std::optional<SigmaDecoder> sigma_decoder;
   std::vector<Mlp> scenario_encoders;  // [K] F' -> 2D: a and b of q(z|y,s)
   probability::LatentMixture mixture;  // p(z|y)

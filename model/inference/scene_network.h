@@ -50,8 +50,6 @@ class SceneNetwork {
   SceneNetwork(const v1::ModelSpec& spec, const artifact::TensorMap& weights, bool bf16);
 
   int features() const { return join_.outputs(); }
-  // Returns P, or 0 for a model that reads no lane paths.
-  int path_width() const { return paths_ ? paths_->shape.width : 0; }
   size_t bytes() const;
 
   // Writes f, l_i and the elements of agents for each scene. A scene's numbers have the same bits

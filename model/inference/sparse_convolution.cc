@@ -4,7 +4,7 @@
 
 namespace maneuver::inference {
 
-bool SparseConvolution::Takes(const artifact::BackboneLayer& layer) {
+bool SparseConvolution::Supports(const artifact::BackboneLayer& layer) {
   return layer.kind == artifact::BackboneLayer::Kind::kConvolution && !layer.adds &&
          layer.output.channels % kernels::FirstLayerKernelInForce().lanes == 0;
 }

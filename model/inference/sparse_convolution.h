@@ -18,7 +18,7 @@ namespace maneuver::inference {
 class SparseConvolution {
  public:
   // Returns whether a layer is supported. Its output channels must fill whole vectors.
-  static bool Takes(const artifact::BackboneLayer& layer);
+  static bool Supports(const artifact::BackboneLayer& layer);
 
   // Prepares the kernel for a layer that reads the raster's bytes directly.
   SparseConvolution(const artifact::BackboneLayer& layer, const FoldedConvolution& folded);

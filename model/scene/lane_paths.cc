@@ -158,7 +158,7 @@ class Track {
     int point_ = 0;  // later reads are never before it
   };
 
-  // Selects the part that Pass() searches.
+  // Selects the part that NearestPoint() searches.
   void SelectPart(double from, double to) {
     from_ = from;
     to_ = to;
@@ -178,7 +178,7 @@ class Track {
 
   // Returns where the selected part comes nearest to a point; the first place if several are
   // equally near. The distance is infinite unless it is below `reach` metres.
-  Passing Pass(const Point2& p_WP, double reach) const {
+  Passing NearestPoint(const Point2& p_WP, double reach) const {
     Passing nearest;
     nearest.squared_distance = reach * reach;
     bool found = false;
@@ -264,7 +264,7 @@ struct Start {
 class Starts {
  public:
   void Clear() { count_ = 0; }
-  void Offer(const Start& start) {
+  void Insert(const Start& start) {
     size_t i = 0;
     while (i < count_ && starts_[i].lane != start.lane) ++i;
     if (i == count_) {
@@ -302,7 +302,6 @@ class Projection {
     return {X_WT_.cosine() * heading.cosine + X_WT_.sine() * heading.sine,
             left_ * (X_WT_.cosine() * heading.sine - X_WT_.sine() * heading.cosine)};
   }
-  double scale() const { return scale_; }
   double left() const { return left_; }
 
  private:
@@ -378,10 +377,11 @@ class LanePathFinder::Search {
     assert(view.scale > 0.0);
     inputs->count = 0;
     inputs->values.fill(0.0F);
+    scale_ = view.scale;
     const Projection projection(X_WT, view);
     ForEachPath(lanes, X_WT, projection, [&](const Start& start) {
       const auto path = static_cast<size_t>(inputs->count++);
-      if (path == 0) LookAround(scenario, lanes, time, target_id, X_WT, view.scale);
+      if (path == 0) LookAround(scenario, lanes, time, target_id, X_WT);
       WriteInputs(start, path, LimitedSpeed(speed), projection,
                   inputs->values.data() + path * kLanePathInputs);
     });
@@ -389,9 +389,10 @@ class LanePathFinder::Search {
 
   std::vector<LanePath> Describe(const v1::Scenario& scenario, const LaneGraph& lanes, double time,
                                  int64_t target_id, const Pose2& X_WT) {
+    scale_ = 1.0;
     std::vector<LanePath> paths;
     ForEachPath(lanes, X_WT, Projection(X_WT, {}), [&](const Start& start) {
-      if (paths.empty()) LookAround(scenario, lanes, time, target_id, X_WT, 1.0);
+      if (paths.empty()) LookAround(scenario, lanes, time, target_id, X_WT);
       paths.push_back(DescribePath(start));
     });
     return paths;
@@ -411,28 +412,28 @@ class LanePathFinder::Search {
   template <typename Call>
   void ForEachPath(const LaneGraph& graph, const Pose2& X_WT, const Projection& projection,
                    Call call) {
-    FindStarts(graph, X_WT, projection.scale());
+    FindStarts(graph, X_WT);
     size_t kept = 0;
     for (const Start& start : starts_.get()) {
       nodes_.clear();
       nodes_.push_back({start.lane, -1, 0.0, graph.Length(graph.lane(start.lane))});
       int branches = 0;
       for (size_t i = 0; i < nodes_.size() && branches < kMostBranches; ++i) {
-        if (Extend(graph, start, i, projection.scale())) continue;
+        if (Extend(graph, start, i)) continue;
         ++branches;
         MakeTrack(graph, start, i);
         ReadPoints(projection, &points_[kept]);
-        if (IsKnown(kept)) continue;
+        if (RepeatsEarlierPath(kept)) continue;
         call(start);
         if (++kept == points_.size()) return;
       }
     }
   }
 
-  void FindStarts(const LaneGraph& graph, const Pose2& X_WT, double scale) {
+  void FindStarts(const LaneGraph& graph, const Pose2& X_WT) {
     starts_.Clear();
     const Point2 p_WT{X_WT.x(), X_WT.y()};
-    const double reach = kStartDistance / scale;
+    const double reach = kStartDistance / scale_;
     graph.ForEachPieceNear(p_WT, reach, [&](const LanePiece& piece) {
       for (int i = piece.first; i < piece.last; ++i) {
         const LanePoint& point = graph.points()[static_cast<size_t>(i)];
@@ -446,20 +447,20 @@ class LanePathFinder::Search {
         const double off_y = dy - along * point.sine;
         const double squared = off_x * off_x + off_y * off_y;
         if (squared >= reach * reach) continue;
-        starts_.Offer({.cost = scale * std::sqrt(squared) + kTurnCost * (1.0 - cosine),
-                       .point = i,
-                       .lane = piece.lane,
-                       .foot = point.distance + along,
-                       .offset = off_y * point.cosine - off_x * point.sine,
-                       .heading = {point.cosine, point.sine}});
+        starts_.Insert({.cost = scale_ * std::sqrt(squared) + kTurnCost * (1.0 - cosine),
+                        .point = i,
+                        .lane = piece.lane,
+                        .foot = point.distance + along,
+                        .offset = off_y * point.cosine - off_x * point.sine,
+                        .heading = {point.cosine, point.sine}});
       }
     });
   }
 
   // Adds the successors of a node. Returns whether there are any; if not, its path is complete.
-  bool Extend(const LaneGraph& graph, const Start& start, size_t index, double scale) {
+  bool Extend(const LaneGraph& graph, const Start& start, size_t index) {
     const Node node = nodes_[index];
-    if (index >= kMostExtensions || scale * (node.end - start.foot) >= kReach) return false;
+    if (index >= kMostExtensions || scale_ * (node.end - start.foot) >= kReach) return false;
     const Lane& lane = graph.lane(node.lane);
     int ways = 0;
     for (const int next : graph.Successors(node.lane)) {
@@ -493,14 +494,14 @@ class LanePathFinder::Search {
   void ReadPoints(const Projection& projection, std::array<Point2, kPoints>* points) {
     Track::Reader reader(track_);
     for (size_t i = 0; i < kPoints; ++i) {
-      const Spot spot = reader(track_.foot() + kLanePathDistances[i] / projection.scale());
+      const Spot spot = reader(track_.foot() + kLanePathDistances[i] / scale_);
       (*points)[i] = projection(spot.p_WP);
       headings_[i] = projection(spot.heading);
     }
   }
 
   // Returns whether the path with the points points_[path] is close to an earlier one.
-  bool IsKnown(size_t path) const {
+  bool RepeatsEarlierPath(size_t path) const {
     for (size_t other = 0; other < path; ++other) {
       bool same = true;
       // Compares from the far end, where paths differ most.
@@ -517,9 +518,8 @@ class LanePathFinder::Search {
 
   // Collects everything that a path may come near: agents, signals and stop signs.
   void LookAround(const v1::Scenario& scenario, const LaneGraph& graph, double time,
-                  int64_t target_id, const Pose2& X_WT, double scale) {
-    scale_ = scale;
-    const double reach = kLookAroundRadius / scale;
+                  int64_t target_id, const Pose2& X_WT) {
+    const double reach = kLookAroundRadius / scale_;
     const Box near{X_WT.x() - reach, X_WT.y() - reach, X_WT.x() + reach, X_WT.y() + reach};
     const auto is_near = [&near](double x, double y) {
       return x >= near.low_x && x <= near.high_x && y >= near.low_y && y <= near.high_y;
@@ -551,12 +551,9 @@ class LanePathFinder::Search {
   void ReadSignals(const v1::Scenario& scenario, double time) {
     signals_.clear();
     for (const v1::TrafficSignal& signal : scenario.traffic_signals()) {
-      const auto& readings = signal.readings();
-      const auto after = std::upper_bound(
-          readings.begin(), readings.end(), time + kSameTime,
-          [](double t, const v1::TrafficSignalReading& reading) { return t < reading.time(); });
-      if (after == readings.begin() || signal.lane_id() == 0) continue;
-      signals_.push_back({signal.lane_id(), RankOf((after - 1)->state())});
+      const v1::TrafficSignalReading* const reading = LatestReading(signal, time);
+      if (reading == nullptr || signal.lane_id() == 0) continue;
+      signals_.push_back({signal.lane_id(), RankOf(reading->state())});
     }
     std::sort(signals_.begin(), signals_.end());
   }
@@ -566,7 +563,7 @@ class LanePathFinder::Search {
   Leader FindLeader() const {
     Leader leader;
     for (const Other& other : others_) {
-      const Passing passing = track_.Pass(other.p_WA, kLeaderDistance / scale_);
+      const Passing passing = track_.NearestPoint(other.p_WA, kLeaderDistance / scale_);
       if (std::isinf(passing.squared_distance) ||
           passing.at <= track_.foot() + kLeaderAhead / scale_ ||
           (leader.agent != nullptr && passing.at >= leader.passing.at)) {
@@ -595,7 +592,7 @@ class LanePathFinder::Search {
   SignAhead FindStopSign() const {
     SignAhead ahead;
     for (const Point2& sign : stop_signs_) {
-      const Passing passing = track_.Pass(sign, kSignDistance / scale_);
+      const Passing passing = track_.NearestPoint(sign, kSignDistance / scale_);
       const double distance = passing.at - track_.foot();
       if (std::isinf(passing.squared_distance) ||
           (ahead.place != nullptr && distance >= ahead.distance)) {

@@ -24,7 +24,7 @@ bool NonzeroSearch::Find(const Raster& raster, int first_channel, int64_t most,
       const int begin = std::countr_zero(nonzero) * raster.block_pixels();
       const int end = std::min(begin + raster.block_pixels(), raster.width());
       for (int column = begin; column < end; column += Raster::kLanes) {
-        FindEight(raster, row, column, values);
+        FindGroup(raster, row, column, values);
       }
     }
     values->rows.push_back(static_cast<int32_t>(values->pixels.size()));
@@ -33,23 +33,23 @@ bool NonzeroSearch::Find(const Raster& raster, int first_channel, int64_t most,
   return true;
 }
 
-void NonzeroSearch::FindEight(const Raster& raster, int row, int column,
+void NonzeroSearch::FindGroup(const Raster& raster, int row, int column,
                               kernels::NonzeroValues* values) {
   constexpr int kLanes = Raster::kLanes;
   const int inside = std::min(kLanes, raster.width() - column);
   const uint64_t inside_bytes = ~uint64_t{0} >> (8 * (kLanes - inside));
   uint64_t nonzero = 0;
-  in_eight_.clear();
+  in_group_.clear();
   const int block = raster.BlockOf(column);
   for (const auto& [channel, blocks] : in_row_) {
     if ((blocks >> block & 1) == 0) continue;
     uint64_t pixels = 0;
     std::memcpy(&pixels, raster.Row(channel, row) + column, sizeof(pixels));
     pixels &= inside_bytes;
-    if (pixels != 0) in_eight_.push_back({channel, pixels});
+    if (pixels != 0) in_group_.push_back({channel, pixels});
     nonzero |= pixels;
   }
-  const size_t room = static_cast<size_t>(values->count) + kLanes * in_eight_.size();
+  const size_t room = static_cast<size_t>(values->count) + kLanes * in_group_.size();
   if (values->values.size() < room) values->values.resize(2 * room);
   while (nonzero != 0) {
     const int shift = std::countr_zero(nonzero) / 8 * 8;
@@ -57,9 +57,9 @@ void NonzeroSearch::FindEight(const Raster& raster, int row, int column,
     const int32_t origin = pixel * raster.channels();
     const int32_t begin = values->count;
     kernels::NonzeroValue* value = &values->values[static_cast<size_t>(begin)];
-    for (const Eight& eight : in_eight_) {
-      const auto byte = static_cast<uint8_t>(eight.pixels >> shift);
-      *value = {origin + eight.channel, static_cast<float>(byte)};
+    for (const ByteGroup& group : in_group_) {
+      const auto byte = static_cast<uint8_t>(group.pixels >> shift);
+      *value = {origin + group.channel, static_cast<float>(byte)};
       value += byte != 0 ? 1 : 0;
     }
     values->count = static_cast<int32_t>(value - values->values.data());

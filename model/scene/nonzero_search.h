@@ -26,16 +26,16 @@ class NonzeroSearch {
     PixelBlocks blocks;
   };
   // A channel that is nonzero in a block of eight pixels.
-  struct Eight {
+  struct ByteGroup {
     int channel;
     uint64_t pixels;  // a byte for each
   };
 
   // Finds the values of up to eight pixels of a row from `column` on.
-  void FindEight(const Raster& raster, int row, int column, kernels::NonzeroValues* values);
+  void FindGroup(const Raster& raster, int row, int column, kernels::NonzeroValues* values);
 
   std::vector<RowChannel> in_row_;
-  std::vector<Eight> in_eight_;
+  std::vector<ByteGroup> in_group_;
 };
 
 }  // namespace maneuver::scene

@@ -123,12 +123,9 @@ class Rasterizer::Painter {
   void ReadSignals(const v1::Scenario& scenario, double time) {
     dim_lanes_.clear();
     for (const v1::TrafficSignal& signal : scenario.traffic_signals()) {
-      const auto& readings = signal.readings();
-      const auto after = std::upper_bound(
-          readings.begin(), readings.end(), time + kSameTime,
-          [](double t, const v1::TrafficSignalReading& reading) { return t < reading.time(); });
-      if (after == readings.begin()) continue;
-      const v1::TrafficSignalState state = (after - 1)->state();
+      const v1::TrafficSignalReading* const reading = LatestReading(signal, time);
+      if (reading == nullptr) continue;
+      const v1::TrafficSignalState state = reading->state();
       if (state == v1::TRAFFIC_SIGNAL_STATE_STOP) {
         dim_lanes_.emplace_back(signal.lane_id(), kLaneStopIntensity);
       } else if (state == v1::TRAFFIC_SIGNAL_STATE_CAUTION) {

@@ -34,6 +34,14 @@ int FindState(const v1::Agent& agent, double time, double tolerance, double late
   return nearest;
 }
 
+const v1::TrafficSignalReading* LatestReading(const v1::TrafficSignal& signal, double time) {
+  const auto& readings = signal.readings();
+  const auto after = std::upper_bound(
+      readings.begin(), readings.end(), time + kSameTime,
+      [](double t, const v1::TrafficSignalReading& reading) { return t < reading.time(); });
+  return after == readings.begin() ? nullptr : &*(after - 1);
+}
+
 std::optional<Pose2> TargetPose(const v1::Agent& agent, double time, double tolerance) {
   const int index = FindState(agent, time, tolerance, time + kSameTime);
   if (index < 0) return std::nullopt;

@@ -24,6 +24,9 @@ const v1::Agent* FindAgent(const v1::Scenario& scenario, int64_t agent_id);
 // equally near, the later one counts.
 int FindState(const v1::Agent& agent, double time, double tolerance, double latest);
 
+// Returns the latest reading of a signal at or before `time` + kSameTime, or nullptr.
+const v1::TrafficSignalReading* LatestReading(const v1::TrafficSignal& signal, double time);
+
 // Returns X_WT of an agent at `time`: the pose of its nearest state that is at or before `time` +
 // kSameTime and at most `tolerance` seconds old. Returns nothing if there is no such state.
 std::optional<Pose2> TargetPose(const v1::Agent& agent, double time, double tolerance);

@@ -126,7 +126,7 @@ TEST_P(SeenCellsTest, HasTheCellsWhoseKernelsMeetASetCell) {
   };
   CellMask seen(size(17), size(width));
   seen.SetAll();
-  seen.SetSeen(input, layer);
+  seen.SetDependent(input, layer);
   for (int row = 0; row < seen.height(); ++row) {
     std::vector<int> expected;
     for (int column = 0; column < seen.width(); ++column) {

@@ -26,7 +26,7 @@ ptrdiff_t RowValues(const Problem& problem) {
 bool EvaluateAll(const FirstLayer& layer, const Problem& problem, FirstLayer::Scratch* scratch,
                  void* grid) {
   const scene::Raster raster = problem.Drawn();
-  if (!layer.Look(raster, scratch)) return false;
+  if (!layer.FindNonzeroPixels(raster, scratch)) return false;
   layer.Evaluate(raster, AllCells(problem), scratch, grid, RowValues(problem));
   return true;
 }
@@ -78,7 +78,7 @@ TEST_P(FirstLayerTest, SumsEveryProduct) {
   for (const bool relu : {true, false}) {
     Problem problem = HalfZeroProblem(40);
     problem.layer.relu = relu;
-    ASSERT_TRUE(FirstLayer::Takes(problem.layer));
+    ASSERT_TRUE(FirstLayer::Supports(problem.layer));
     const FirstLayer wide(problem.layer, problem.folded, false);
     const FirstLayer narrow(problem.layer, problem.folded, true);
     FirstLayer::Scratch scratch(wide);  // used again
@@ -123,10 +123,10 @@ TEST_P(FirstLayerTest, CellsThatAreAskedForAreTheSameToTheBitAndNoOthersAreNeede
     }
   }
   CellMask seen(output.height, output.width);
-  seen.SetSeen(pixels, problem.layer);
+  seen.SetDependent(pixels, problem.layer);
   const ptrdiff_t apart = RowValues(problem) + 5;
   std::vector<float> some(static_cast<size_t>(output.height * apart), -1.0F);
-  ASSERT_TRUE(layer.Look(raster, &scratch));
+  ASSERT_TRUE(layer.FindNonzeroPixels(raster, &scratch));
   layer.Evaluate(raster, seen, &scratch, some.data(), apart);
   int left = 0;
   for (int row = 0; row < output.height; ++row) {
@@ -160,15 +160,15 @@ TEST(FilledFirstLayerTest, SkipsAFilledRasterSoonerInBf16) {
   const FirstLayer wide(problem.layer, problem.folded, false);
   const FirstLayer narrow(problem.layer, problem.folded, true);
   FirstLayer::Scratch scratch(wide);
-  EXPECT_FALSE(narrow.Look(problem.Drawn(), &scratch));
-  EXPECT_TRUE(wide.Look(problem.Drawn(), &scratch));
+  EXPECT_FALSE(narrow.FindNonzeroPixels(problem.Drawn(), &scratch));
+  EXPECT_TRUE(wide.FindNonzeroPixels(problem.Drawn(), &scratch));
 }
 
 TEST(FirstLayerKindTest, RefusesALayerThatReadsNoAgentsOrFillsNoVector) {
-  EXPECT_TRUE(FirstLayer::Takes(MakeProblem(3, 2, 13, 24, 4).layer));
-  EXPECT_FALSE(FirstLayer::Takes(MakeProblem(3, 2, 13, 25, 4).layer));
-  EXPECT_FALSE(FirstLayer::Takes(MakeProblem(3, 2, 3, 24, 4).layer));
-  EXPECT_FALSE(FirstLayer::Takes(MakeProblem(1, 1, 13, 24, 4).layer));
+  EXPECT_TRUE(FirstLayer::Supports(MakeProblem(3, 2, 13, 24, 4).layer));
+  EXPECT_FALSE(FirstLayer::Supports(MakeProblem(3, 2, 13, 25, 4).layer));
+  EXPECT_FALSE(FirstLayer::Supports(MakeProblem(3, 2, 3, 24, 4).layer));
+  EXPECT_FALSE(FirstLayer::Supports(MakeProblem(1, 1, 13, 24, 4).layer));
 }
 
 }  // namespace

@@ -26,7 +26,7 @@ TEST_P(SparseConvolutionTest, AddsTheProductsOfItsChannels) {
   const auto [kernel, stride, inputs, outputs] = GetParam();
   {
     const Problem problem = MakeProblem(kernel, stride, inputs, outputs, 16);
-    ASSERT_TRUE(SparseConvolution::Takes(problem.layer));
+    ASSERT_TRUE(SparseConvolution::Supports(problem.layer));
     const SparseConvolution convolution(problem.layer, problem.folded);
     scene::NonzeroSearch search;
     kernels::NonzeroValues values;  // used again
@@ -51,7 +51,7 @@ TEST_P(SparseConvolutionTest, AddsTheProductsOfItsChannels) {
 }
 
 TEST(SparseConvolutionTakesTest, RefusesOutputsThatFillNoVector) {
-  EXPECT_FALSE(SparseConvolution::Takes(MakeProblem(3, 2, 13, 25, 4).layer));
+  EXPECT_FALSE(SparseConvolution::Supports(MakeProblem(3, 2, 13, 25, 4).layer));
 }
 
 }  // namespace
