@@ -93,11 +93,12 @@ function(maneuver_test_program target owner)
   endif()
 endfunction()
 
-# maneuver_test(NAME scene SOURCES a_test.cc ... DEPENDS ... [HEADERS_OF maneuver_proto])
+# maneuver_test(NAME scene SOURCES a_test.cc ... DEPENDS ... [HEADERS_OF maneuver_proto] [BY_SUITE])
 #
-# One program of unit tests, `<name>_test`, for a folder; each case is a ctest.
+# One program of unit tests, `<name>_test`, for a folder; each case is a ctest. With BY_SUITE each suite
+# is one: for a program that takes long to start.
 function(maneuver_test)
-  cmake_parse_arguments(ARG "" "NAME;TIMEOUT;HEADERS_OF" "SOURCES;DEPENDS" ${ARGN})
+  cmake_parse_arguments(ARG "BY_SUITE" "NAME;TIMEOUT;HEADERS_OF" "SOURCES;DEPENDS" ${ARGN})
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 120)
   endif()
@@ -106,6 +107,24 @@ function(maneuver_test)
   maneuver_test_program(${target} "${ARG_HEADERS_OF}")
   target_link_libraries(${target} PRIVATE ${ARG_DEPENDS} GTest::gmock GTest::gtest_main)
   set_target_properties(${target} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/tests")
+  if(ARG_BY_SUITE)
+    set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${ARG_SOURCES})
+    set(suites "")
+    foreach(source IN LISTS ARG_SOURCES)
+      file(STRINGS "${source}" lines REGEX "^(TYPED_)?TEST(_F|_P)?\\(")
+      foreach(line IN LISTS lines)
+        string(REGEX REPLACE "^[A-Z_]+\\(([A-Za-z0-9_]+).*" "\\1" suite "${line}")
+        list(APPEND suites "${suite}")
+      endforeach()
+    endforeach()
+    list(REMOVE_DUPLICATES suites)
+    foreach(suite IN LISTS suites)
+      add_test(NAME ${ARG_NAME}.${suite}
+        COMMAND ${target} --gtest_brief=1 "--gtest_filter=${suite}.*:${suite}/*:*/${suite}.*:*/${suite}/*")
+      set_tests_properties(${ARG_NAME}.${suite} PROPERTIES TIMEOUT ${ARG_TIMEOUT})
+    endforeach()
+    return()
+  endif()
   include(GoogleTest)
   # A program that is read from the disk anew, LibTorch with it, can take longer than the five seconds
   # that CMake allows.
