@@ -3,11 +3,6 @@
 #include <algorithm>
 
 namespace maneuver::inference {
-namespace {
-
-constexpr int kChannels = MapConvolution::kChannels;
-
-}  // namespace
 
 bool MapConvolution::Supports(const artifact::BackboneLayer& layer) {
   return layer.kind == artifact::BackboneLayer::Kind::kConvolution && !layer.adds &&

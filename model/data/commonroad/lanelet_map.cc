@@ -99,7 +99,7 @@ class Areas {
         }
       }
     }
-    std::ranges::sort(entries_);
+    std::sort(entries_.begin(), entries_.end());
   }
 
   const Area& operator[](size_t lanelet) const { return areas_[lanelet]; }
@@ -107,9 +107,12 @@ class Areas {
   // Returns whether a point is on the ground of a lanelet other than `own`.
   bool IsOnAnother(size_t own, const MapPoint& point) const {
     const auto contains = [&](size_t i) { return i != own && areas_[i].Contains(point); };
-    const auto of_square = std::ranges::equal_range(entries_, SquareOf(point), {}, &Entry::first);
-    return std::ranges::any_of(of_square, contains, &Entry::second) ||
-           std::ranges::any_of(large_, contains);
+    const Square square = SquareOf(point);
+    for (auto entry = std::lower_bound(entries_.begin(), entries_.end(), Entry(square, 0));
+         entry != entries_.end() && entry->first == square; ++entry) {
+      if (contains(entry->second)) return true;
+    }
+    return std::any_of(large_.begin(), large_.end(), contains);
   }
 
  private:
