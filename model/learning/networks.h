@@ -117,8 +117,8 @@ class Networks {
   // Keeps the standard deviations of coefficients that Standardize found.
   void Import(const artifact::TensorMap& weights);
 
-  // Copies of all tensors, also of those that are not learned, but not of the coefficients' standard
-  // deviations (Standardize): Save returns them, Restore puts them back.
+  // Save returns copies of all tensors, learned or not, and Restore puts them back. Neither touches
+  // the coefficients' standard deviations (Standardize).
   using Snapshot = std::map<std::string, at::Tensor>;
   Snapshot Save() const;
   void Restore(const Snapshot& snapshot);
