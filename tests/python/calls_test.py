@@ -898,6 +898,72 @@ class CallsTest(unittest.TestCase):
                 self.client().predict(SCENE, timeout=wrong)
 
 
+class StuckStream:
+    """A call whose requests gRPC does not take before `go`; it answers each with an error."""
+
+    def __init__(self):
+        self.go = threading.Event()
+
+    def StreamPredict(self, requests, timeout, metadata):  # noqa: N802
+        self._requests = requests
+        return self
+
+    def __iter__(self):
+        self.go.wait()
+        for request in self._requests:
+            yield v1.StreamPredictResponse(request_id=request.request_id,
+                                           error=v1.Status(code=grpc.StatusCode.INTERNAL.value[0]))
+
+    def cancel(self):
+        self.go.set()
+
+
+class StreamTest(unittest.TestCase):
+
+    def setUp(self):
+        self.stuck = StuckStream()
+        connection = unittest.mock.Mock(predictions=self.stuck, metadata=())
+        self.answered = []
+        self.stream = maneuver.PredictStream(
+            connection, lambda answer: self.answered.append(answer.request_id), timeout=60.0)
+        self.sent = []
+
+    def send_until_refused(self):
+        try:
+            for number in range(100):
+                self.stream.send(str(number), SCENE)
+                self.sent.append(str(number))
+        except ValueError:
+            self.sent.append("refused")
+
+    def start_sender(self):
+        """Returns a thread that sends, once the stream takes no more of it."""
+        sender = threading.Thread(target=self.send_until_refused, daemon=True)
+        sender.start()
+        give_up = time.monotonic() + 60.0
+        while len(self.sent) < 64 and time.monotonic() < give_up:
+            time.sleep(0.01)
+        sender.join(0.2)
+        self.assertTrue(sender.is_alive())
+        self.assertEqual(len(self.sent), 64)
+        return sender
+
+    def test_send_waits_while_too_many_requests_wait(self):
+        sender = self.start_sender()
+        self.stuck.go.set()
+        sender.join(60.0)
+        self.assertFalse(sender.is_alive())
+        self.stream.finish()
+        self.assertEqual(self.answered, [str(number) for number in range(100)])
+
+    def test_cancelling_ends_a_send_that_waits(self):
+        sender = self.start_sender()
+        self.stream.cancel()
+        sender.join(60.0)
+        self.assertFalse(sender.is_alive())
+        self.assertEqual(self.sent[-1], "refused")
+
+
 class DeadlineTest(unittest.TestCase):
 
     def test_a_call_whose_time_is_up_is_not_answered(self):

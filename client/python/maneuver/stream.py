@@ -36,6 +36,9 @@ class StreamAnswer:
 # Called for each answer, one at a time, on a thread of the stream's own.
 OnAnswer = Callable[[StreamAnswer], None]
 
+# Most requests that gRPC has not taken yet.
+_MOST_WAITING = 64
+
 
 class PredictStream:
     """Many requests in flight, answered as they finish, each by its request_id. Thread-safe.
@@ -47,8 +50,10 @@ class PredictStream:
     def __init__(self, connection: Connection, on_answer: OnAnswer, timeout: float) -> None:
         self._on_answer = on_answer
         self._requests: "queue.SimpleQueue[Optional[v1.StreamPredictRequest]]" = queue.SimpleQueue()
-        self._lock = threading.Lock()
-        self._takes_more = True  # guarded by _lock, with what goes into _requests
+        self._changed = threading.Condition()
+        # Guarded by _changed, with what goes into _requests.
+        self._takes_more = True
+        self._waiting = 0  # requests in _requests
         self._failure: Optional[BaseException] = None  # how it ended
         self._call: Any = connection.predictions.StreamPredict(
             self._outgoing(), timeout=timeout, metadata=connection.metadata)
@@ -66,6 +71,9 @@ class PredictStream:
         request_id: the caller's name for it, at most 128 characters.
         request_timeout: the server gives up on this request so many seconds after its arrival.
 
+        Waits while 64 requests wait to be sent, because the server takes them more slowly than they
+        come; skip a cycle then.
+
         Raises ManeuverError once the stream has broken: then open another one. Raises ValueError
         after finish() or cancel().
         """
@@ -78,17 +86,21 @@ class PredictStream:
             required_action_names=required_action_names, strict=strict))
         if request_timeout is not None:
             message.timeout.FromNanoseconds(round(request_timeout * 1e9))
-        with self._lock:
+        with self._changed:
+            while self._takes_more and self._waiting >= _MOST_WAITING:
+                self._changed.wait()
             if self._takes_more:
+                self._waiting += 1
                 self._requests.put(message)
                 return
         self._raise_failure()
         raise ValueError("the stream is finished or cancelled")
 
     def _take_no_more(self) -> None:
-        with self._lock:
+        with self._changed:
             self._takes_more = False
             self._requests.put(None)  # lets gRPC's sender go
+            self._changed.notify_all()
 
     def finish(self) -> None:
         """Says that no more requests come, and waits for the answers in flight.
@@ -115,7 +127,11 @@ class PredictStream:
             self._reader.join()
 
     def _outgoing(self) -> Iterator[v1.StreamPredictRequest]:
-        return iter(self._requests.get, None)
+        for message in iter(self._requests.get, None):
+            with self._changed:
+                self._waiting -= 1
+                self._changed.notify()
+            yield message
 
     def _read(self) -> None:
         try:
