@@ -1,7 +1,5 @@
 #include "model/data/dataset_store.h"
 
-#include <google/protobuf/util/time_util.h>
-
 #include <algorithm>
 #include <cerrno>
 #include <limits>
@@ -26,12 +24,11 @@ namespace maneuver::data {
 namespace {
 
 namespace fs = std::filesystem;
-using google::protobuf::util::TimeUtil;
 
 // Every upload leaves this much free for jobs and their store.
 constexpr uint64_t kReservedBytes = uint64_t{64} << 20;
-// The number of datasets whose summaries are kept in memory.
-constexpr size_t kMaxSummaries = 16;
+// Recordings whose places are kept in memory, of all datasets together.
+constexpr size_t kMostIndexed = 1'000'000;
 
 absl::Status NoSuchDataset(const std::string& id) {
   return absl::NotFoundError(absl::StrCat("there is no datasets/", id));
@@ -155,7 +152,8 @@ DatasetStore::DatasetStore(fs::path folder, const DatasetStoreOptions& options,
     : folder_(std::move(folder)),
       options_(options),
       ledger_(ledger),
-      staging_(std::make_shared<files::UploadStaging>(folder_, options.is_shared)) {}
+      staging_(std::make_shared<files::UploadStaging>(folder_, options.is_shared)),
+      indexes_(kMostIndexed) {}
 
 absl::StatusOr<std::unique_ptr<DatasetStore>> DatasetStore::Open(fs::path folder,
                                                                  const DatasetStoreOptions& options,
@@ -466,43 +464,34 @@ absl::StatusOr<fs::path> DatasetStore::Unlist(const std::string& id) const {
 
 absl::StatusOr<fs::path> DatasetStore::Detach(const std::string& id) {
   auto aside = ledger_ == nullptr ? MoveOut(id) : Unlist(id);
-  if (!aside.ok()) return aside;
-  const MutexLock lock(mutex_);
-  std::erase_if(summaries_, [&](const auto& entry) { return entry.first.first == id; });
+  if (aside.ok()) indexes_.Forget(FolderOf(id));
   return aside;
 }
 
-absl::StatusOr<DatasetStore::Summaries> DatasetStore::SummariesOf(const std::string& id) {
+absl::StatusOr<std::shared_ptr<const OpenedIndex>> DatasetStore::IndexOf(
+    const std::string& id) const {
   const auto manifest = Read(id);
   if (!manifest.ok()) return manifest.status();
-  const std::pair key(id, TimeUtil::TimestampToNanoseconds(manifest->create_time()));
-  {
-    const MutexLock lock(mutex_);
-    if (const auto found = summaries_.find(key); found != summaries_.end()) return found->second;
-  }
-  auto summaries = std::make_shared<std::vector<v1::ScenarioSummary>>();
-  const absl::Status status =
-      ForEachScenario(FolderOf(id), OnDamage::kStop, [&](v1::Scenario&& scenario) {
-        summaries->push_back(Summarize(scenario));
-        return true;
-      });
-  if (!status.ok()) return WhyUnread(id, status);
-  const MutexLock lock(mutex_);
-  if (summaries_.size() >= kMaxSummaries) summaries_.erase(summaries_.begin());
-  summaries_[key] = summaries;
-  return summaries;
+  auto index = indexes_.Open(FolderOf(id), *manifest);
+  if (!index.ok()) return WhyUnread(id, index.status());
+  return index;
 }
 
 absl::StatusOr<std::vector<v1::ScenarioSummary>> DatasetStore::ListScenarios(const std::string& id,
                                                                              size_t begin,
-                                                                             size_t limit) {
-  const auto summaries = SummariesOf(id);
-  if (!summaries.ok()) return summaries.status();
-  const std::vector<v1::ScenarioSummary>& all = **summaries;
-  begin = std::min(begin, all.size());
-  const size_t end = begin + std::min(limit, all.size() - begin);
-  return std::vector<v1::ScenarioSummary>(all.begin() + static_cast<std::ptrdiff_t>(begin),
-                                          all.begin() + static_cast<std::ptrdiff_t>(end));
+                                                                             size_t limit) const {
+  const auto index = IndexOf(id);
+  if (!index.ok()) return index.status();
+  const RecordingIndex& recordings = (*index)->recordings;
+  begin = std::min(begin, recordings.entries().size());
+  const size_t end = begin + std::min(limit, recordings.entries().size() - begin);
+  std::vector<v1::ScenarioSummary> summaries;
+  for (size_t i = begin; i < end; ++i) {
+    const absl::StatusOr<v1::Scenario> recording = recordings.Read(i);
+    if (!recording.ok()) return WhyUnread(id, recording.status());
+    summaries.push_back(Summarize(*recording));
+  }
+  return summaries;
 }
 
 absl::StatusOr<v1::DatasetSummary> DatasetStore::Describe(
@@ -526,8 +515,13 @@ absl::StatusOr<v1::DatasetSummary> DatasetStore::Describe(
 
 absl::StatusOr<v1::Scenario> DatasetStore::GetScenario(const std::string& id,
                                                        const std::string& scenario_id) const {
-  if (absl::Status there = CheckFolder(id); !there.ok()) return WhyUnread(id, there);
-  auto scenario = ReadScenario(FolderOf(id), scenario_id);
+  const auto index = IndexOf(id);
+  if (!index.ok()) return index.status();
+  const auto found = (*index)->numbers.find(scenario_id);
+  if (found == (*index)->numbers.end()) {
+    return absl::NotFoundError(absl::StrCat("the dataset has no scenario ", scenario_id));
+  }
+  auto scenario = (*index)->recordings.Read(found->second);
   if (!scenario.ok()) return WhyUnread(id, scenario.status());
   return scenario;
 }

@@ -13,7 +13,6 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
-#include <map>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -30,6 +29,7 @@
 #include "maneuver/v1/training_settings.pb.h"
 #include "model/data/dataset_ledger.h"
 #include "model/data/dataset_upload.h"
+#include "model/data/opened_indexes.h"
 
 namespace maneuver::files {
 class UploadStaging;
@@ -126,10 +126,10 @@ class DatasetStore {
   // dataset may stay on its list without a folder. Detaching it again removes it.
   absl::StatusOr<std::filesystem::path> Detach(const std::string& id);
 
-  // Returns summaries of at most `limit` recordings, in order, from index `begin`. The first call
-  // for a dataset reads all of it. Summaries of 16 datasets stay in memory.
+  // Returns summaries of at most `limit` recordings, in order, from index `begin`. Reads these
+  // recordings from their places, by the indexes of their dataset.
   absl::StatusOr<std::vector<v1::ScenarioSummary>> ListScenarios(const std::string& id,
-                                                                 size_t begin, size_t limit);
+                                                                 size_t begin, size_t limit) const;
   // Counts what a dataset contains (DescribeDataset, dataset_folder.h). Reads all of it on a
   // quarter of the cores, at most four, and keeps the answer beside the shards for the next call.
   absl::StatusOr<v1::DatasetSummary> Describe(const std::string& id, const v1::ModelSpec& spec,
@@ -141,8 +141,6 @@ class DatasetStore {
                                            const std::string& scenario_id) const;
 
  private:
-  using Summaries = std::shared_ptr<const std::vector<v1::ScenarioSummary>>;
-
   DatasetStore(std::filesystem::path folder, const DatasetStoreOptions& options,
                DatasetLedger* ledger);
   // Returns OK if the folder of a dataset is there, and NOT_FOUND if it is not.
@@ -162,15 +160,14 @@ class DatasetStore {
   absl::StatusOr<int64_t> TotalBytes() const;
   // Returns why reading a dataset failed: NOT_FOUND if it was removed meanwhile; else `status`.
   absl::Status WhyUnread(const std::string& id, absl::Status status) const;
-  absl::StatusOr<Summaries> SummariesOf(const std::string& id);
+  absl::StatusOr<std::shared_ptr<const OpenedIndex>> IndexOf(const std::string& id) const;
 
   const std::filesystem::path folder_;
   const DatasetStoreOptions options_;
   DatasetLedger* const ledger_;  // nullptr: none
   const std::shared_ptr<files::UploadStaging> staging_;
+  mutable OpenedIndexes indexes_;
   Mutex mutex_;
-  // Results of ListScenarios, by id and time of creation.
-  std::map<std::pair<std::string, int64_t>, Summaries> summaries_ ABSL_GUARDED_BY(mutex_);
   // When the folder had last changed before AdoptNewFolders read it.
   std::filesystem::file_time_type adopted_ ABSL_GUARDED_BY(mutex_);
 };

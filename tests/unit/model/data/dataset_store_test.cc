@@ -456,5 +456,42 @@ TEST_F(DatasetStoreTest, ListsSummariesOfRecordingsInOrder) {
   EXPECT_THAT(*store_->ListScenarios("town", 9, 1), IsEmpty());
 }
 
+TEST_F(DatasetStoreTest, APageReadsItsOwnRecordingsAlone) {
+  ASSERT_TRUE(Upload("town", bytes_).ok());
+  ASSERT_EQ(store_->ListScenarios("town", 0, 10)->size(), 3u);
+  // All of the first shard, with the recordings that it has.
+  const std::filesystem::path shard = store_->FolderOf("town") / manifest_.shards(0).file();
+  std::filesystem::resize_file(shard, 0);
+  std::filesystem::resize_file(shard, FirstShardBytes());
+  const auto damaged = static_cast<size_t>(manifest_.shards(0).records());
+  ASSERT_LT(damaged, 3u);
+  EXPECT_TRUE(absl::IsDataLoss(store_->ListScenarios("town", 0, 10).status()));
+  EXPECT_EQ(store_->ListScenarios("town", damaged, 10)->size(), 3u - damaged);
+  EXPECT_TRUE(store_->GetScenario("town", "r2").ok());
+  EXPECT_TRUE(absl::IsDataLoss(store_->GetScenario("town", "r0").status()));
+}
+
+TEST_F(DatasetStoreTest, ANewDatasetOfTheSameNameHasItsOwnRecordings) {
+  ASSERT_TRUE(Upload("town", bytes_).ok());
+  ASSERT_TRUE(store_->GetScenario("town", "r0").ok());
+  ASSERT_TRUE(store_->Detach("town").ok());
+  EXPECT_TRUE(absl::IsNotFound(store_->GetScenario("town", "r0").status()));
+  ASSERT_TRUE(Upload("town", bytes_).ok());
+  EXPECT_TRUE(store_->GetScenario("town", "r0").ok());
+}
+
+TEST_F(DatasetStoreTest, MoreRecordingsThanFitAreIndexedAnewEachTime) {
+  ASSERT_TRUE(Upload("town", bytes_).ok());
+  const auto manifest = store_->Read("town");
+  for (const size_t most : {size_t{2}, size_t{3}}) {
+    OpenedIndexes indexes(most);
+    const auto first = indexes.Open(store_->FolderOf("town"), *manifest);
+    const auto second = indexes.Open(store_->FolderOf("town"), *manifest);
+    ASSERT_TRUE(first.ok() && second.ok());
+    EXPECT_EQ((*first)->numbers.size(), 3u);
+    EXPECT_EQ(*first == *second, most == 3u);
+  }
+}
+
 }  // namespace
 }  // namespace maneuver::data::dataset_store_test
