@@ -326,7 +326,7 @@ class OutcomesCommand {
     Table table({{"action", Align::kRight},
                  {"name"},
                  {"taken", Align::kRight},
-                 {"in training", Align::kRight}});
+                 {"in validation", Align::kRight}});
     constexpr size_t kShown = 10;
     if (taken.size() > kShown) taken.resize(kShown);
     for (const auto& [negative, id] : taken) {

@@ -29,7 +29,6 @@ struct RetentionPolicy {
 };
 
 // Returns the versions that the policy deletes.
-//   versions: newest first.
 //   needed: names of the pending and running jobs, and of the versions that they read. What such a
 //     job has made stays: the job may still measure it.
 std::vector<security::ModelVersionName> VersionsToDelete(

@@ -312,8 +312,6 @@ absl::StatusOr<JobPage> Supervisor::List(int page_size, const std::string& page_
   ExplainWaiting(jobs);
   // From the end, so that the places before stay as they are.
   for (auto damaged = page->damaged.rbegin(); damaged != page->damaged.rend(); ++damaged) {
-    Log(LogLevel::kError, "a damaged job is listed by its name alone",
-        {{"reason", std::string(damaged->error.message())}});
     v1::Job job;
     job.set_name(damaged->name);
     *job.mutable_error() = errors::ToProto(errors::WithStorageReason(damaged->error));

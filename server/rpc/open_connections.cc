@@ -149,7 +149,11 @@ int ConnectionLimit::Enforce() {
   std::stable_partition(open.begin(), open.end(),
                         [this](const auto& each) { return known_.contains(each); });
   const size_t stay = std::min(open.size(), static_cast<size_t>(most_));
-  for (size_t i = stay; i < open.size(); ++i) shutdown(open[i].first, SHUT_RDWR);
+  for (size_t i = stay; i < open.size(); ++i) {
+    const auto& [descriptor, peer] = open[i];
+    // By now it may be another file's.
+    if (PeerOfConnection(descriptor) == peer) shutdown(descriptor, SHUT_RDWR);
+  }
   known_ = {open.begin(), open.begin() + static_cast<std::ptrdiff_t>(stay)};
   return static_cast<int>(open.size() - stay);
 }

@@ -159,7 +159,7 @@ class SessionStore final : public PostgresqlStore,
     if (!rows.ok()) return rows.status();
     jobs::JobPage page;
     for (int row = 0; row < std::min(rows->count(), page_size); ++row) {
-      AddToPage(JobFrom(*rows, row), rows->Bytes(row, 3), &page);
+      AddToPage(JobFrom(*rows, row), rows->Bytes(row, 3), damage_, &page);
     }
     if (rows->count() > page_size) {
       page.next_page_token = absl::StrCat(rows->Int(page_size - 1, 0));

@@ -29,8 +29,8 @@ absl::StatusOr<v1::Job> JobFrom(const Statement& row) {
                         row.IsNull(2) ? std::nullopt : std::optional(row.Bytes(2)));
 }
 
-void AddToPage(const Statement& row, jobs::JobPage* page) {
-  store::AddToPage(JobFrom(row), row.Bytes(3), page);
+void AddToPage(const Statement& row, DamageLog& damage, jobs::JobPage* page) {
+  store::AddToPage(JobFrom(row), row.Bytes(3), damage, page);
 }
 
 // Columns that AliasFrom reads.
@@ -116,7 +116,7 @@ class FileStore final : public SqliteStore {
         return page;
       }
       last = select.Int(0);
-      AddToPage(select, &page);
+      AddToPage(select, damage_, &page);
     }
   }
 
@@ -353,18 +353,17 @@ class FileStore final : public SqliteStore {
       const auto row = select.Step();
       if (!row.ok()) return row.status();
       if (!*row) break;
-      AddToPage(select, &read);
+      AddToPage(select, damage_, &read);
     }
     return read;
   }
 
-  // The same, and logs the damaged ones.
+  // The same, without the damaged ones.
   absl::StatusOr<std::vector<v1::Job>> SoundInStateLocked(v1::JobState state,
                                                           std::optional<int> limit)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
     auto read = ReadInStateLocked(state, limit);
     if (!read.ok()) return read.status();
-    for (const jobs::DamagedJob& job : read->damaged) damage_.Report(job.error);
     return std::move(read->jobs);
   }
 

@@ -97,10 +97,12 @@ absl::StatusOr<v1::Job> ParseStoredJob(const JobKey& key, const std::string& byt
   return job;
 }
 
-void AddToPage(absl::StatusOr<v1::Job> job, const std::string& name, jobs::JobPage* page) {
+void AddToPage(absl::StatusOr<v1::Job> job, const std::string& name, DamageLog& damage,
+               jobs::JobPage* page) {
   if (job.ok()) {
     page->jobs.push_back(*std::move(job));
   } else {
+    damage.Report(job.status());
     const bool is_name = security::ParseJobName(name, "name").ok();
     page->damaged.push_back({is_name ? name : "", job.status(), page->jobs.size()});
   }
@@ -110,7 +112,7 @@ void DamageLog::Report(const absl::Status& damage) {
   std::string reason(damage.message());
   const MutexLock lock(mutex_);
   const auto [line, is_new] = reported_.insert(std::move(reason));
-  if (is_new) Log(LogLevel::kError, "a damaged job is passed over", {{"reason", *line}});
+  if (is_new) Log(LogLevel::kError, "a stored job is damaged", {{"reason", *line}});
 }
 
 absl::StatusOr<v1::Dataset> ParseStoredDataset(const std::string& name, const std::string& bytes) {

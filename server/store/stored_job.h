@@ -43,11 +43,7 @@ struct JobKey {
 absl::StatusOr<v1::Job> ParseStoredJob(const JobKey& key, const std::string& job,
                                        const std::optional<std::string>& progress);
 
-// Adds the job of a row to a page, or the error of one that is damaged.
-//   name: the column of the row
-void AddToPage(absl::StatusOr<v1::Job> job, const std::string& name, jobs::JobPage* page);
-
-// Logs the damaged jobs that a store passes over as it looks for one to run. Thread-safe.
+// Logs the damaged jobs that a store finds. Thread-safe.
 class DamageLog {
  public:
   // Writes a line, once for each job.
@@ -58,6 +54,11 @@ class DamageLog {
   Mutex mutex_;
   std::set<std::string> reported_ ABSL_GUARDED_BY(mutex_);
 };
+
+// Adds the job of a row to a page; or the error of one that is damaged, which it also logs.
+//   name: the column of the row
+void AddToPage(absl::StatusOr<v1::Job> job, const std::string& name, DamageLog& damage,
+               jobs::JobPage* page);
 
 // Returns the manifest of a row. DATA_LOSS as for ParseStoredProgress, or if its name differs.
 //   name: datasets/{id}, after the row's key

@@ -103,7 +103,7 @@ def alerts_of_day(before, after, version, folder):
 
 
 def largest_shift(before, after, version):
-    """Returns how far the share of an action is from its share in training, and how far it may be before the alert
+    """Returns how far the share of an action is from its share in validation, and how far it may be before the alert
     fires: of the action that is nearest to its limit or furthest above it. Returns the number of outcomes too."""
     def counted(name, label):
         sums = {}
@@ -149,7 +149,7 @@ class Loop:
         if outcomes != scores["outcomes"]:
             raise AssertionError(f"the server counts {outcomes} outcomes, the command {scores['outcomes']}")
         self.say(f"{recordings}: {outcomes:.0f} outcomes. The best guess of {version} is {scores['metrics']['fde_1']:.2f} m"
-                 f" off at the horizon. The share of one action is {100.0 * shift:.1f} points off its share in training; the"
+                 f" off at the horizon. The share of one action is {100.0 * shift:.1f} points off its share in validation; the"
                  f" alert allows {100.0 * limit:.1f}. Alerts: {', '.join(fired) or 'none'}.")
         return fired
 

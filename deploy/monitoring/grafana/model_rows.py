@@ -108,7 +108,7 @@ def outcomes():
         curves("How unlikely was what happened?",
                "Mean -ln p(x|s), nats a waypoint; lower is better. It rises where the model meets what it has not learned.",
                [query(mean("maneuver_outcome_nll_nats", "model_version"), "{{model_version}}")], "none"),
-        curves("Which actions are more probable than in training, or less?",
+        curves("Which actions are more probable than in validation, or less?",
                "Difference of the mean p(y|s), by action number: maneuver model actions names them. ManeuverActionsDrift tells what is no "
                "chance: train on recent recordings.",
                [query(share("maneuver_outcome_action_probability_total", "action")

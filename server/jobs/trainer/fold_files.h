@@ -24,7 +24,7 @@ class FoldFiles {
   //   plan: the plan of this cross-validation
   static absl::StatusOr<FoldFiles> Open(std::filesystem::path folder, v1::CrossValidationPlan plan);
 
-  // Returns the runs that Open found, and those added since.
+  // Returns the runs that Open found.
   const std::vector<v1::FoldRun>& runs() const { return runs_; }
 
   // Writes the run of another model, in one step.

@@ -5,6 +5,7 @@
 #include <filesystem>
 
 #include "absl/status/status.h"
+#include "model/artifact/model_folder.h"
 
 namespace maneuver::trainer {
 
@@ -19,6 +20,8 @@ class PruneCommand {
 
  private:
   absl::Status Prune() const;
+  // Writes the output, with the baselines of the whole model, completely or not at all.
+  absl::Status Write(artifact::StoredModel pruned) const;
 
   CLI::App* command_;
   std::filesystem::path model_;
