@@ -4,7 +4,6 @@
 #include <memory>
 #include <optional>
 #include <ostream>
-#include <thread>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -31,10 +30,8 @@ class TownProduction {
  public:
   TownProduction(const TownOptions& options, int count, int threads)
       : options_(options), work_(static_cast<size_t>(count), 4 * static_cast<size_t>(threads)) {
-    for (int i = 0; i < threads; ++i) workers_.emplace_back([this] { Work(); });
+    for (int i = 0; i < threads; ++i) work_.Start([this] { Work(); });
   }
-
-  ~TownProduction() { work_.Stop(); }
 
   // Returns the next recording; nothing after the last.
   std::optional<TownRecording> Next() { return work_.Take(); }
@@ -47,8 +44,7 @@ class TownProduction {
   }
 
   const TownOptions options_;
-  machine::OrderedWork<TownRecording> work_;
-  std::vector<std::jthread> workers_;  // last: they end before what they use
+  machine::OrderedWork<TownRecording> work_;  // last: its threads end before what they use
 };
 
 struct SynthesizeArguments {

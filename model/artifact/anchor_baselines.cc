@@ -45,7 +45,7 @@ std::map<std::string, std::vector<int64_t>> AnchorShapes(const v1::ModelSpec& sp
     return shapes;
   }
   shapes["anchors.scale"] = {T};
-  int64_t inputs = SceneFeatures(spec);
+  int64_t inputs = SceneFeatureCount(spec);
   const v1::MlpSpec& hidden = spec.action_predictor();
   for (int i = 0; i <= hidden.hidden_size(); ++i) {
     const int64_t outputs =

@@ -13,13 +13,10 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "model/scene/duration.h"
 #include "model/scene/field_violation.h"
 
 namespace maneuver::artifact {
-
-inline double Seconds(const google::protobuf::Duration& duration) {
-  return static_cast<double>(duration.seconds()) + duration.nanos() * 1e-9;
-}
 
 class FieldRules {
  public:
@@ -49,7 +46,7 @@ class FieldRules {
   bool Positive(std::string field, const google::protobuf::Duration& duration) {
     const bool well_formed = duration.seconds() >= 0 && duration.nanos() >= 0 &&
                              duration.nanos() < 1'000'000'000 && duration.seconds() <= 3600;
-    return Require(well_formed && Seconds(duration) > 0, std::move(field),
+    return Require(well_formed && scene::ToSeconds(duration) > 0, std::move(field),
                    "must be longer than 0 s and at most 3600 s");
   }
 

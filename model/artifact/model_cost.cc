@@ -74,7 +74,7 @@ int64_t OfSceneVectors(const v1::ModelSpec& spec) {
 int64_t OfActionGeometry(const v1::ModelSpec& spec) {
   if (!spec.has_action_geometry()) return 0;
   const v1::ActionGeometrySpec& geometry = spec.action_geometry();
-  const int64_t F = SceneFeatures(spec);
+  const int64_t F = SceneFeatureCount(spec);
   const int64_t P = spec.scene_vectors().path_width();
   const int64_t G = geometry.pair_width();
   const int64_t A = geometry.features();
@@ -90,12 +90,12 @@ int64_t OfMeanResidual(const v1::ModelSpec& spec) {
   const int64_t latent = A * 2 * spec.latent_dimensions();
   if (!spec.mean_residual()) return latent;
   const int64_t curves = 2 * CurveFunctions(spec.trajectory());
-  return latent + (SceneFeatures(spec) + A + 2 * spec.trajectory().waypoints()) * curves;
+  return latent + (SceneFeatureCount(spec) + A + 2 * spec.trajectory().waypoints()) * curves;
 }
 
 int64_t OfCovariance(const v1::ModelSpec& spec) {
   if (spec.has_scene_covariance()) {
-    return MultiplyAdds(SceneFeatures(spec), spec.scene_covariance(), 2 * kStddevTerms);
+    return MultiplyAdds(SceneFeatureCount(spec), spec.scene_covariance(), 2 * kStddevTerms);
   }
   if (!spec.has_decoder_covariance()) return 0;
   return MultiplyAdds(spec.latent_dimensions(), spec.decoder_covariance(),
@@ -118,7 +118,7 @@ v1::ModelCost CountCost(const v1::ModelSpec& spec) {
   cost.set_backbone_parameters(backbone_parameters);
   cost.set_parameters(parameters);
 
-  const int64_t F = SceneFeatures(spec);
+  const int64_t F = SceneFeatureCount(spec);
   const int64_t D = spec.latent_dimensions();
   const int64_t sigma_points = 2 * D + 1;
   cost.set_backbone_multiply_adds(OfBackbone(spec));
@@ -151,7 +151,7 @@ int64_t ExampleBytes(const v1::ModelSpec& spec) {
     return sum;
   };
   int64_t raster = 0;
-  int64_t values = SceneFeatures(spec) + widths(spec.action_predictor());
+  int64_t values = SceneFeatureCount(spec) + widths(spec.action_predictor());
   if (spec.has_raster()) {
     raster = RasterGrid(spec.raster()).values();
     values += raster;

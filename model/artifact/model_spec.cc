@@ -17,6 +17,7 @@
 #include "model/artifact/tensor.h"
 #include "model/scene/action_geometry.h"
 #include "model/scene/agent_inputs.h"
+#include "model/scene/duration.h"
 #include "model/scene/inputs_version.h"
 #include "model/scene/lane_path_inputs.h"
 #include "model/scene/target_history.h"
@@ -55,7 +56,8 @@ void CheckRaster(const v1::RasterSpec& raster, FieldRules* rules) {
   const bool counted =
       rules->Between("raster.history_frames", "frames", raster.history_frames(), 1, 50);
   if (rules->Positive("raster.frame_interval", raster.frame_interval()) && counted) {
-    const double history = (raster.history_frames() - 1) * Seconds(raster.frame_interval());
+    const double history =
+        (raster.history_frames() - 1) * scene::ToSeconds(raster.frame_interval());
     rules->Require(history <= kMaxHistory, "raster.frame_interval",
                    absl::StrCat("makes a history of ", history, " s; at most ", kMaxHistory));
   }
@@ -106,7 +108,8 @@ void CheckBackbone(const v1::BackboneSpec& backbone, FieldRules* rules) {
 void CheckTrajectory(const v1::TrajectorySpec& trajectory, FieldRules* rules) {
   rules->Between("trajectory.waypoints", "waypoints", trajectory.waypoints(), 1, 200);
   if (rules->Positive("trajectory.waypoint_interval", trajectory.waypoint_interval())) {
-    const double horizon = trajectory.waypoints() * Seconds(trajectory.waypoint_interval());
+    const double horizon =
+        trajectory.waypoints() * scene::ToSeconds(trajectory.waypoint_interval());
     rules->Require(horizon <= kMaxHorizon, "trajectory.waypoint_interval",
                    absl::StrCat("makes a horizon of ", horizon, " s; at most ", kMaxHorizon));
   }
@@ -275,7 +278,7 @@ std::vector<scene::FieldViolation> ValidateModelSpec(const v1::ModelSpec& spec) 
 }
 
 double WaypointInterval(const v1::TrajectorySpec& spec) {
-  return Seconds(spec.waypoint_interval());
+  return scene::ToSeconds(spec.waypoint_interval());
 }
 
 std::vector<double> WaypointTimes(const v1::TrajectorySpec& spec) {
@@ -289,7 +292,7 @@ std::vector<double> WaypointTimes(const v1::TrajectorySpec& spec) {
   return times;
 }
 
-int64_t SceneFeatures(const v1::ModelSpec& spec) {
+int64_t SceneFeatureCount(const v1::ModelSpec& spec) {
   if (spec.has_scene_vectors()) return spec.scene_vectors().features();
   return spec.backbone().features() + (spec.target_motion() ? scene::kMotionInputs : 0);
 }
@@ -324,7 +327,7 @@ bool ReadsAgents(const v1::ModelSpec& spec) { return spec.scene_vectors().agent_
 
 int64_t CurveFunctions(const v1::TrajectorySpec& spec) {
   constexpr int64_t kDegree = 3;
-  const double horizon = spec.waypoints() * Seconds(spec.waypoint_interval());
+  const double horizon = spec.waypoints() * scene::ToSeconds(spec.waypoint_interval());
   const int64_t intervals = std::max<int64_t>(1, std::lround(horizon / kKnotInterval));
   return std::min<int64_t>(intervals + kDegree - 1, spec.waypoints());
 }
@@ -378,7 +381,7 @@ void AddSceneVectors(const v1::ModelSpec& spec, Shapes* shapes) {
 void AddActionGeometry(const v1::ModelSpec& spec, Shapes* shapes) {
   const v1::ActionGeometrySpec& geometry = spec.action_geometry();
   const int64_t K = spec.actions();
-  const int64_t F = SceneFeatures(spec);
+  const int64_t F = SceneFeatureCount(spec);
   const int64_t P = spec.scene_vectors().path_width();
   const int64_t G = geometry.pair_width();
   const int64_t A = geometry.features();
@@ -400,7 +403,7 @@ void AddActionGeometry(const v1::ModelSpec& spec, Shapes* shapes) {
 void AddMeanResidual(const v1::ModelSpec& spec, Shapes* shapes) {
   const int64_t K = spec.actions();
   const int64_t M = CurveFunctions(spec.trajectory());
-  (*shapes)["mean_residual.scene.weight"] = {K, 2 * M, SceneFeatures(spec)};
+  (*shapes)["mean_residual.scene.weight"] = {K, 2 * M, SceneFeatureCount(spec)};
   if (spec.has_action_geometry()) {
     (*shapes)["mean_residual.geometry.weight"] = {K, 2 * M, spec.action_geometry().features()};
   }
@@ -409,11 +412,15 @@ void AddMeanResidual(const v1::ModelSpec& spec, Shapes* shapes) {
 
 }  // namespace
 
+std::string LastLayer(const std::string& network, const v1::MlpSpec& mlp) {
+  return absl::StrCat(network, ".", mlp.hidden_size());
+}
+
 std::map<std::string, std::vector<int64_t>> TensorShapes(const v1::ModelSpec& spec) {
   const int64_t K = spec.actions();
   const int64_t D = spec.latent_dimensions();
   const int64_t T = spec.trajectory().waypoints();
-  const int64_t features = SceneFeatures(spec);
+  const int64_t features = SceneFeatureCount(spec);
 
   Shapes shapes;
   if (spec.has_raster()) AddBackbone(spec, &shapes);

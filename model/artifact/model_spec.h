@@ -25,7 +25,7 @@ std::vector<double> WaypointTimes(const v1::TrajectorySpec& spec);
 // Returns F', the number of scene features that p(y|s) and q(z|y,s) read: for a model with scene
 // vectors its joint features, otherwise the backbone's features, plus the target's motion if the
 // model reads it.
-int64_t SceneFeatures(const v1::ModelSpec& spec);
+int64_t SceneFeatureCount(const v1::ModelSpec& spec);
 
 // Returns whether the model has learned to predict agents of this type (ModelSpec.target_types). An
 // unspecified type counts as learned.
@@ -48,6 +48,9 @@ inline constexpr double kKnotInterval = 0.8;
 // Returns M, the number of spline functions per axis; at most T.
 int64_t CurveFunctions(const v1::TrajectorySpec& spec);
 
+// Returns the name of a perceptron's last layer, "decoder.3". Its tensors are named this followed
+// by ".weight" and ".bias".
+std::string LastLayer(const std::string& network, const v1::MlpSpec& mlp);
 // Returns the name and shape of every tensor of a model, as in tensor.h.
 std::map<std::string, std::vector<int64_t>> TensorShapes(const v1::ModelSpec& spec);
 

@@ -19,6 +19,7 @@
 #include "model/data/example_index.h"
 #include "model/data/shard_records.h"
 #include "model/machine/usable_cores.h"
+#include "model/scene/duration.h"
 #include "model/scene/target_frame.h"
 
 namespace maneuver::data {
@@ -34,10 +35,6 @@ constexpr double kSpeedEdges[] = {0.0,  1.0,  2.5,  5.0,  7.5,  10.0,
                                   12.5, 15.0, 20.0, 25.0, 30.0, 40.0};
 constexpr double kTurnEdgesDegrees[] = {-180.0, -120.0, -60.0, -30.0, -15.0, -5.0,
                                         5.0,    15.0,   30.0,  60.0,  120.0, 180.0};
-
-double SecondsOf(const google::protobuf::Duration& duration) {
-  return static_cast<double>(duration.seconds()) + 1e-9 * duration.nanos();
-}
 
 // Turns AGENT_TYPE_VEHICLE into VEHICLE.
 std::string WithoutPrefix(const std::string& name, absl::string_view prefix) {
@@ -167,7 +164,8 @@ class Counts {
     }
     // Counts every standing window: see DatasetSummary.
     settings_.set_keep_standing(1.0);
-    horizon_ = spec.trajectory().waypoints() * SecondsOf(spec.trajectory().waypoint_interval());
+    horizon_ =
+        spec.trajectory().waypoints() * scene::ToSeconds(spec.trajectory().waypoint_interval());
     *summary_.mutable_example_settings() = settings;
     summary_.set_horizon_seconds(horizon_);
     *summary_.mutable_speeds() = EmptyHistogram(kSpeedEdges, 1.0);

@@ -1,8 +1,6 @@
 #include "model/data/dataset_folder.h"
 
 #include <algorithm>
-#include <atomic>
-#include <thread>
 #include <unordered_set>
 
 #include "absl/strings/str_cat.h"
@@ -11,6 +9,7 @@
 #include "model/data/shard_records.h"
 #include "model/data/tfrecord.h"
 #include "model/files/digest.h"
+#include "model/machine/parallel.h"
 #include "model/machine/usable_cores.h"
 #include "model/scene/scenario_validation.h"
 
@@ -115,22 +114,15 @@ absl::StatusOr<std::vector<v1::Scenario>> ReadRecordings(const std::filesystem::
 
   // Reading is limited by the disk and by the CRC on one core; parsing takes most of the time.
   std::vector<v1::Scenario> recordings(payloads.size());
-  std::atomic<size_t> next = 0;
-  std::atomic<size_t> unparsable = payloads.size();
-  const auto parse = [&] {
-    for (size_t i = next++; i < payloads.size(); i = next++) {
-      if (!recordings[i].ParseFromString(payloads[i])) unparsable = i;
-      std::string().swap(payloads[i]);
-    }
-  };
-  const auto wanted = static_cast<size_t>(threads > 0 ? threads : machine::UsableCores());
-  std::vector<std::thread> workers;
-  for (size_t i = 1; i < std::min(wanted, payloads.size()); ++i) workers.emplace_back(parse);
-  parse();
-  for (std::thread& worker : workers) worker.join();
-  if (unparsable < payloads.size()) {
-    return absl::DataLossError(absl::StrCat("recording ", unparsable.load(), " does not parse"));
-  }
+  const absl::Status parsed = machine::ForEachOnThreads(
+      payloads.size(), threads > 0 ? threads : machine::UsableCores(), [&](size_t i) {
+        if (!recordings[i].ParseFromString(payloads[i])) {
+          return absl::DataLossError(absl::StrCat("recording ", i, " does not parse"));
+        }
+        std::string().swap(payloads[i]);
+        return absl::OkStatus();
+      });
+  if (!parsed.ok()) return parsed;
   return recordings;
 }
 

@@ -26,12 +26,6 @@ bool IsSafeFileName(std::string_view name) {
                      [](char c) { return IsLowerAlnum(c) || c == '.' || c == '_' || c == '-'; });
 }
 
-bool IsSha256(std::string_view digest) {
-  return digest.size() == 64 && std::all_of(digest.begin(), digest.end(), [](char c) {
-           return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f');
-         });
-}
-
 class Violations {
  public:
   void Add(std::string field, std::string description) {
@@ -63,7 +57,7 @@ void CheckShard(const v1::Shard& shard, const std::string& field, std::set<std::
   }
   if (shard.size_bytes() < 0) violations->Add(field + ".size_bytes", "must not be negative");
   if (shard.records() < 0) violations->Add(field + ".records", "must not be negative");
-  if (!IsSha256(shard.sha256())) {
+  if (!files::IsSha256Hex(shard.sha256())) {
     violations->Add(field + ".sha256", "must be 64 lower-case hexadecimal digits");
   }
 }

@@ -5,6 +5,7 @@
 
 #include "model/data/stable_hash.h"
 #include "model/data/trajectory.h"
+#include "model/scene/duration.h"
 #include "model/scene/motion_reference.h"
 #include "model/scene/observation_window.h"
 #include "model/scene/scenario_validation.h"
@@ -13,10 +14,6 @@
 
 namespace maneuver::data {
 namespace {
-
-double Seconds(const google::protobuf::Duration& duration) {
-  return static_cast<double>(duration.seconds()) + 1e-9 * duration.nanos();
-}
 
 // What all examples of a spec share.
 struct Window {
@@ -35,13 +32,13 @@ struct Window {
 Window MakeWindow(const v1::ModelSpec& spec, const v1::ExampleSettings& settings) {
   const scene::ObservationWindow observed = scene::WindowOf(spec);
   Window window;
-  window.stride = Seconds(settings.stride());
+  window.stride = scene::ToSeconds(settings.stride());
   window.past = observed.past;
   window.tolerance = observed.tolerance();
   window.max_gap = observed.max_gap();
   window.reference = spec.reference();
   window.inputs_version = spec.inputs_version();
-  const double waypoint_interval = Seconds(spec.trajectory().waypoint_interval());
+  const double waypoint_interval = scene::ToSeconds(spec.trajectory().waypoint_interval());
   for (int i = 1; i <= spec.trajectory().waypoints(); ++i) {
     window.waypoint_times.push_back(i * waypoint_interval);
   }

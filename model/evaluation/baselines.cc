@@ -43,7 +43,7 @@ double SpeedAlongHeading(const v1::AgentState& state) {
 
 double Motion::speed() const { return std::hypot(velocity_x, velocity_y); }
 
-Motion EstimateMotion(const v1::Agent& agent, double time) {
+Motion MotionAt(const v1::Agent& agent, double time) {
   const int now = scene::FindState(agent, time, scene::kSameTime, time + scene::kSameTime);
   const v1::AgentState& present = agent.states(now);
   const scene::Point2 velocity = scene::Pose2(0.0, 0.0, present.heading())

@@ -27,7 +27,7 @@ struct Motion {
 // Acceleration and turn rate are the least-squares slopes of the recorded speed along the heading
 // and of the heading (unwrapped) over the states of the past second; 0 if there is only one.
 // Ignores states after `time`.
-Motion EstimateMotion(const v1::Agent& agent, double time);
+Motion MotionAt(const v1::Agent& agent, double time);
 
 // Returns the trajectory at constant velocity, p(t) = v t.
 //   waypoint_times: [T] seconds

@@ -20,6 +20,10 @@ struct Interval {
   double upper = 0.0;
 };
 
+// Draws are made from at most this many groups. Groups whose numbers are equal modulo this are
+// drawn together: the intervals stay valid, and the memory stays bounded.
+inline constexpr int kMostDrawnGroups = 4096;
+
 // Returns how often each draw contains each group, [resamples, groups]. Each row sums to `groups`.
 // The same seed gives the same draws on every machine.
 Eigen::MatrixXd DrawGroups(int groups, int resamples, uint64_t seed);

@@ -211,13 +211,14 @@ void AddIntervals(std::span<const SetRun> runs, size_t seeds,
   }
 }
 
-// Numbers the groups of a set from 0. Writes how many groups and recordings there are to `proto`.
+// Numbers the groups of a set from 0, modulo kMostDrawnGroups. Writes how many groups and recordings
+// there are to `proto`.
 std::map<int, int> NumberGroups(const Recordings& recordings, v1::CrossValidatedSet& proto) {
   std::map<int, int> sizes;
   for (const v1::GroupedRecording& recording : recordings) ++sizes[recording.group()];
   std::map<int, int> numbers;
   for (const auto& [group, size] : sizes) {
-    numbers.try_emplace(group, static_cast<int>(numbers.size()));
+    numbers.try_emplace(group, static_cast<int>(numbers.size()) % kMostDrawnGroups);
     proto.set_largest_group(std::max(proto.largest_group(), size));
   }
   proto.set_recordings(recordings.size());
@@ -256,7 +257,8 @@ void AddSet(std::span<const SetRun> runs, const Recordings& recordings, const Na
       }
     }
   }
-  const Eigen::MatrixXd draws = DrawGroups(proto.groups(), options.resamples, options.seed);
+  const Eigen::MatrixXd draws =
+      DrawGroups(std::min(proto.groups(), kMostDrawnGroups), options.resamples, options.seed);
   Fill(overall, draws, first.value_names(), models, *proto.mutable_overall());
   for (size_t i = 0; i < strata.size(); ++i) {
     const v1::StratumDimension& dimension = dimensions[static_cast<int>(i)];

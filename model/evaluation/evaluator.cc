@@ -7,7 +7,6 @@
 #include <cmath>
 #include <functional>
 #include <iterator>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -21,6 +20,7 @@
 #include "model/evaluation/report.h"
 #include "model/evaluation/rival_comparison.h"
 #include "model/evaluation/waymo_displacement.h"
+#include "model/machine/parallel.h"
 
 namespace maneuver::evaluation {
 namespace {
@@ -87,11 +87,14 @@ bool MeasureAll(const MeasuringContext& context, int worker_count,
       }
     }
   };
-  {
-    std::vector<std::jthread> threads;
-    for (int i = 1; i < worker_count; ++i) threads.emplace_back(work, false);
-    work(true);
-  }
+  machine::OnThreads(worker_count, [&](int thread) {
+    try {
+      work(/*reports=*/thread == 0);
+    } catch (...) {
+      stopped = true;
+      throw;
+    }
+  });
   return !stopped;
 }
 

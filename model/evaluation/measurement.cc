@@ -176,12 +176,12 @@ Measurer::Measurer(const MeasuringContext& context)
 }
 
 void Measurer::Measure(std::span<const data::Example> examples, std::span<Measurement> measured) {
-  std::vector<inference::SceneInput> scenes;
+  std::vector<inference::SceneInputsView> scenes;
   for (size_t i = 0; i < examples.size(); ++i) {
     const auto recording = static_cast<size_t>(examples[i].recording);
     reader_.Read(context_.recordings[recording], context_.maps[recording], examples[i].time,
                  examples[i].target_id, examples[i].X_WT, &inputs_[i]);
-    scenes.push_back(inference::InputOf(inputs_[i]));
+    scenes.push_back(inference::ViewOf(inputs_[i]));
   }
   session_->Encode(scenes, std::span(encodings_).first(examples.size()));
   for (size_t i = 0; i < examples.size(); ++i) {
@@ -194,7 +194,7 @@ void Measurer::Measure(std::span<const data::Example> examples, std::span<Measur
                  &Measurement::multipath, measured);
 }
 
-void Measurer::MeasureAnchors(std::span<const inference::SceneInput> scenes,
+void Measurer::MeasureAnchors(std::span<const inference::SceneInputsView> scenes,
                               std::span<const data::Example> examples,
                               const inference::AnchorModel& model,
                               inference::InferenceSession& session,
@@ -205,7 +205,7 @@ void Measurer::MeasureAnchors(std::span<const inference::SceneInput> scenes,
     const v1::Scenario& recording = context_.recordings[static_cast<size_t>(examples[i].recording)];
     const v1::Agent& agent = *scene::FindAgent(recording, examples[i].target_id);
     const Truth truth =
-        TruthOf(examples[i], agent, EstimateMotion(agent, examples[i].time).speed(), context_);
+        TruthOf(examples[i], agent, MotionAt(agent, examples[i].time).speed(), context_);
     const Eigen::VectorXd& probabilities = encodings_[i].probabilities;
     const std::vector<ActionDistribution> distributions =
         model.Describe(encodings_[i], &anchor_scratch_);
@@ -228,7 +228,7 @@ Measurement Measurer::MeasureOne(const data::Example& example,
                                  const inference::SceneEncoding& encoding) {
   const v1::Scenario& recording = context_.recordings[static_cast<size_t>(example.recording)];
   const v1::Agent& agent = *scene::FindAgent(recording, example.target_id);
-  const Motion motion = EstimateMotion(agent, example.time);
+  const Motion motion = MotionAt(agent, example.time);
   const Truth truth = TruthOf(example, agent, motion.speed(), context_);
 
   Measurement measured;

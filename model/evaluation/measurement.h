@@ -115,7 +115,7 @@ class Measurer {
 
  private:
   // Measures one baseline on the scenes read last, and writes the results to a field of `measured`.
-  void MeasureAnchors(std::span<const inference::SceneInput> scenes,
+  void MeasureAnchors(std::span<const inference::SceneInputsView> scenes,
                       std::span<const data::Example> examples, const inference::AnchorModel& model,
                       inference::InferenceSession& session,
                       std::optional<AnchorMeasurement> Measurement::*field,

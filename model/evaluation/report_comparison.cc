@@ -15,6 +15,7 @@
 #include "absl/strings/str_join.h"
 #include "absl/strings/strip.h"
 #include "model/evaluation/metric_table.h"
+#include "model/scene/duration.h"
 
 namespace maneuver::evaluation {
 namespace {
@@ -22,17 +23,14 @@ namespace {
 using google::protobuf::util::MessageDifferencer;
 
 std::string SettingsText(const v1::ExampleSettings& settings) {
-  const double stride = static_cast<double>(settings.stride().seconds()) +
-                        1e-9 * static_cast<double>(settings.stride().nanos());
-  return absl::StrCat("stride=", stride, "s keep_standing=", settings.keep_standing(),
-                      " standing_distance=", settings.standing_distance(),
-                      " max_speed=", settings.max_speed());
+  return absl::StrCat(
+      "stride=", scene::ToSeconds(settings.stride()), "s keep_standing=", settings.keep_standing(),
+      " standing_distance=", settings.standing_distance(), " max_speed=", settings.max_speed());
 }
 
 std::string WaypointsText(const v1::TrajectorySpec& trajectory) {
-  const double interval = static_cast<double>(trajectory.waypoint_interval().seconds()) +
-                          1e-9 * static_cast<double>(trajectory.waypoint_interval().nanos());
-  return absl::StrCat(trajectory.waypoints(), " waypoints of ", interval, " s");
+  return absl::StrCat(trajectory.waypoints(), " waypoints of ",
+                      scene::ToSeconds(trajectory.waypoint_interval()), " s");
 }
 
 // Returns "VEHICLE", or "PEDESTRIAN and CYCLIST", in an order that does not depend on the report.

@@ -1,5 +1,6 @@
 #include "model/evaluation/rival_comparison.h"
 
+#include <algorithm>
 #include <set>
 #include <string>
 #include <utility>
@@ -70,7 +71,7 @@ void RivalSums::Add(size_t recording, const Measurement& measured) {
   for (size_t i = 0; i < metrics_.size(); ++i) {
     row_[static_cast<Eigen::Index>(i) + 1] = metrics_[i].value(measured);
   }
-  const int group = groups_.groups[recording] % DrawnGroups();
+  const int group = groups_.groups[recording] % kMostDrawnGroups;
   const auto add = [&](Part& part) {
     part.sums.Add(0, group, row_);
     ++part.examples;
@@ -94,7 +95,8 @@ v1::RivalStandings RivalSums::MakeStandings(const BootstrapOptions& options) con
   standings.set_groups(groups_.count);
   standings.set_largest_group(groups_.LargestGroup());
   standings.set_resamples(options.resamples);
-  const Eigen::MatrixXd draws = DrawGroups(DrawnGroups(), options.resamples, options.seed);
+  const Eigen::MatrixXd draws =
+      DrawGroups(std::min(groups_.count, kMostDrawnGroups), options.resamples, options.seed);
   const auto column = [this](std::string_view metric) { return Column(metric); };
   const auto write = [&](const Part& part) {
     if (part.examples == 0) return;

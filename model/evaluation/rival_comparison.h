@@ -5,7 +5,6 @@
 #define MANEUVER_MODEL_EVALUATION_RIVAL_COMPARISON_H_
 
 #include <Eigen/Core>
-#include <algorithm>
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -28,10 +27,6 @@ namespace maneuver::evaluation {
 //   column: returns the column of a metric in the sums, or nothing.
 std::vector<v1::RivalComparison> CompareWithRivals(
     const Estimator& estimator, const std::function<std::optional<int>(std::string_view)>& column);
-
-// The bootstrap draws from at most this many groups. If there are more, those whose numbers are
-// equal modulo this are drawn together: the intervals stay valid, and memory stays bounded.
-inline constexpr int kMostDrawnGroups = 4096;
 
 // Sums over measurements, from which a model's standing among its rivals is made. Their memory
 // grows with the number of groups, up to kMostDrawnGroups.
@@ -65,7 +60,6 @@ class RivalSums {
   };
 
   void Begin(const Measurement& first);
-  int DrawnGroups() const { return std::min(groups_.count, kMostDrawnGroups); }
   std::optional<int> Column(std::string_view metric) const;
 
   data::RecordingGroups groups_;

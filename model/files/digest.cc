@@ -71,6 +71,13 @@ std::string Sha256Hex(std::string_view bytes) {
   return sha256.Finish();
 }
 
+bool IsSha256Hex(std::string_view text) {
+  constexpr size_t kDigits = 64;
+  return text.size() == kDigits && std::ranges::all_of(text, [](char c) {
+           return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f');
+         });
+}
+
 absl::StatusOr<std::string> Sha256OfFile(const std::filesystem::path& file) {
   Sha256 sha256;
   const absl::Status status = sha256.UpdateWithFile(file, std::numeric_limits<int64_t>::max());

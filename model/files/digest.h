@@ -35,6 +35,8 @@ class Sha256 {
 };
 
 std::string Sha256Hex(std::string_view bytes);
+// Returns whether a text is a digest as Sha256Hex writes it: 64 digits, in lower case.
+bool IsSha256Hex(std::string_view text);
 absl::StatusOr<std::string> Sha256OfFile(const std::filesystem::path& file);
 
 }  // namespace maneuver::files

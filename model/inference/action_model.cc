@@ -85,7 +85,8 @@ class Session final : public InferenceSession {
     if (networks_.backbone) scratch_ = networks_.backbone->NewScratch();
   }
 
-  void Encode(std::span<const SceneInput> scenes, std::span<SceneEncoding> encodings) override {
+  void Encode(std::span<const SceneInputsView> scenes,
+              std::span<SceneEncoding> encodings) override {
     for (size_t begin = 0; begin < scenes.size(); begin += kEncodingBlock) {
       const size_t count = std::min<size_t>(kEncodingBlock, scenes.size() - begin);
       EncodeBlock(scenes.subspan(begin, count), encodings.subspan(begin, count));
@@ -157,7 +158,7 @@ class Session final : public InferenceSession {
   }
 
  private:
-  void EncodeBlock(std::span<const SceneInput> scenes, std::span<SceneEncoding> encodings) {
+  void EncodeBlock(std::span<const SceneInputsView> scenes, std::span<SceneEncoding> encodings) {
     const Eigen::Index rows = static_cast<Eigen::Index>(scenes.size());
     if (networks_.backbone) EvaluateRasters(scenes);
     if (networks_.scene) {
@@ -177,7 +178,7 @@ class Session final : public InferenceSession {
   }
 
   // The backbone's features, into features_.
-  void EvaluateRasters(std::span<const SceneInput> scenes) {
+  void EvaluateRasters(std::span<const SceneInputsView> scenes) {
     const Eigen::Index rows = static_cast<Eigen::Index>(scenes.size());
     grids_.resize(rows, networks_.projection->inputs());
     for (Eigen::Index r = 0; r < rows; ++r) {
@@ -191,7 +192,8 @@ class Session final : public InferenceSession {
 
   // Joins the vectors, and the backbone's features if features_ holds them, into features_. Rolls
   // out the references.
-  void EvaluateVectors(std::span<const SceneInput> scenes, std::span<SceneEncoding> encodings) {
+  void EvaluateVectors(std::span<const SceneInputsView> scenes,
+                       std::span<SceneEncoding> encodings) {
     vectors_.clear();
     for (size_t i = 0; i < scenes.size(); ++i) {
       vectors_.push_back(scenes[i].vectors);
@@ -223,7 +225,7 @@ class Session final : public InferenceSession {
   }
 
   // The targets' motion, to the right of the features.
-  void AppendMotion(std::span<const SceneInput> scenes) {
+  void AppendMotion(std::span<const SceneInputsView> scenes) {
     const Eigen::Index features = networks_.projection->outputs();
     RowMajorXf appended(features_.rows(), features + scene::kMotionInputs);
     appended.leftCols(features) = features_;
@@ -395,7 +397,7 @@ class Session final : public InferenceSession {
   void AddSceneCovariance(const SceneEncoding& encoding, ActionDistribution* distribution) {
     // Without a scene, the networks are evaluated at features of 0.
     if (encoding.features.size() == 0) {
-      no_features_.setZero(artifact::SceneFeatures(model_->spec()));
+      no_features_.setZero(artifact::SceneFeatureCount(model_->spec()));
     }
     const Eigen::VectorXf& features =
         encoding.features.size() == 0 ? no_features_ : encoding.features;

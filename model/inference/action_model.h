@@ -58,7 +58,7 @@ struct Classification {
 };
 
 // What the networks read of a scene.
-struct SceneInput {
+struct SceneInputsView {
   const scene::Raster* raster = nullptr;  // as scene::Rasterizer draws it; null without a raster
   scene::MotionInputs motion{};           // ignored by a model that does not ask for it
   const scene::SceneVectors* vectors = nullptr;  // ignored by a model without scene vectors
@@ -66,13 +66,13 @@ struct SceneInput {
 
 // Returns a view of what a scene::SceneReader of the model's spec has read. `inputs` must outlive
 // it.
-inline SceneInput InputOf(const scene::SceneInputs& inputs) {
+inline SceneInputsView ViewOf(const scene::SceneInputs& inputs) {
   return {inputs.raster ? &*inputs.raster : nullptr, inputs.motion, &inputs.vectors};
 }
 
 // What the networks compute for a scene as a whole, before single actions are described.
 struct SceneEncoding {
-  Eigen::VectorXf features;       // [F'], see artifact::SceneFeatures
+  Eigen::VectorXf features;       // [F'], see artifact::SceneFeatureCount
   Eigen::VectorXd probabilities;  // p(y|s), [K], sums to 1 within 1e-9
   // h_y of each action, [K, A] row-major; empty unless actions look at the lanes.
   Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> geometry;
@@ -91,7 +91,8 @@ class InferenceSession {
   // Computes features, p(y|s), the reference, and the actions relative to the lanes, for each
   // scene.
   //   encodings: as many as scenes.
-  virtual void Encode(std::span<const SceneInput> scenes, std::span<SceneEncoding> encodings) = 0;
+  virtual void Encode(std::span<const SceneInputsView> scenes,
+                      std::span<SceneEncoding> encodings) = 0;
 
   // Returns the distributions of the given actions (0 .. K-1, any order), in that order. Does not
   // evaluate the scenario encoders of other actions.

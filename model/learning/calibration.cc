@@ -6,6 +6,7 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
+#include "model/artifact/model_spec.h"
 #include "model/learning/covariance_fit.h"
 #include "model/learning/covariance_network.h"
 #include "model/learning/predictions.h"
@@ -13,10 +14,6 @@
 
 namespace maneuver::learning {
 namespace {
-
-std::string LastLayer(const char* network, const v1::MlpSpec& spec) {
-  return network + ("." + std::to_string(spec.hidden_size()));
-}
 
 // Whether the covariance of p(x|z) is fitted to training examples.
 bool FitsToTraining(const v1::ModelSpec& spec, const v1::OptimizationSettings& optimization) {
@@ -60,8 +57,9 @@ void FitCovariance(Networks& networks, const Predictions& training, at::Generato
 // Multiplies the standard deviations of q(z|y,s).
 void ScaleLatent(Networks& networks, double factor) {
   at::NoGradGuard no_grad;
-  at::Tensor bias = networks[LastLayer("scenario_encoder", networks.spec().scenario_encoder()) +
-                             ".bias"];  // [K, 2D]: a, then b of the log-variance
+  at::Tensor bias =
+      networks[artifact::LastLayer("scenario_encoder", networks.spec().scenario_encoder()) +
+               ".bias"];  // [K, 2D]: a, then b of the log-variance
   bias.slice(1, bias.size(1) / 2).add_(2.0 * std::log(factor));
 }
 
@@ -70,7 +68,8 @@ void ScaleLogits(Networks& networks, double temperature) {
   if (networks.spec().has_action_geometry()) {
     networks["action_geometry.logit.weight"].div_(temperature);
   }
-  const std::string last = LastLayer("action_predictor", networks.spec().action_predictor());
+  const std::string last =
+      artifact::LastLayer("action_predictor", networks.spec().action_predictor());
   networks[last + ".weight"].div_(temperature);
   networks[last + ".bias"].div_(temperature);
 }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <string>
 
+#include "model/artifact/model_spec.h"
 #include "model/learning/moments.h"
 #include "model/learning/optimizer.h"
 
@@ -15,8 +16,8 @@ constexpr double kNetworkRate = 1e-2;
 constexpr double kNetworkDecay = 1e-3;
 constexpr int64_t kNetworkWarmUp = 10;  // steps
 
-std::string LastLayer(const Networks& networks) {
-  return "decoder_covariance." + std::to_string(networks.spec().decoder_covariance().hidden_size());
+std::string LastLayerOf(const Networks& networks) {
+  return artifact::LastLayer("decoder_covariance", networks.spec().decoder_covariance());
 }
 
 // Its last layer answers `pooled` for every z.
@@ -26,8 +27,8 @@ void BeginAt(Networks& networks, const at::Tensor& pooled) {
   const at::Tensor l11 = pooled.select(-1, 0).clamp_min(kLeast).sqrt();
   const at::Tensor l21 = pooled.select(-1, 1) / l11;
   const at::Tensor l22 = (pooled.select(-1, 2) - l21.square()).clamp_min(kLeast).sqrt();
-  networks[LastLayer(networks) + ".weight"].zero_();
-  networks[LastLayer(networks) + ".bias"].copy_(
+  networks[LastLayerOf(networks) + ".weight"].zero_();
+  networks[LastLayerOf(networks) + ".bias"].copy_(
       at::stack({l11.log(), l22.log(), l21 / l22}, -1).flatten());
 }
 
@@ -62,7 +63,7 @@ PlannedSteps CovarianceNetworkSteps(int64_t examples) {
 
 void ScaleCovarianceNetwork(Networks& networks, const at::Tensor& factor) {
   at::NoGradGuard no_grad;
-  at::Tensor bias = networks[LastLayer(networks) + ".bias"].view({-1, 3});
+  at::Tensor bias = networks[LastLayerOf(networks) + ".bias"].view({-1, 3});
   const at::Tensor shift = 0.5 * factor.log();
   bias.select(1, 0).add_(shift);
   bias.select(1, 1).add_(shift);

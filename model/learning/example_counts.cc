@@ -14,7 +14,7 @@
 #include "model/files/digest.h"
 #include "model/files/durable_file.h"
 #include "model/learning/example_set.h"
-#include "model/learning/for_each_on_threads.h"
+#include "model/machine/parallel.h"
 
 namespace maneuver::learning {
 namespace {
@@ -62,11 +62,9 @@ void KeepCounts(const fs::path& file, std::span<const int32_t> counts) {
 
 }  // namespace
 
-absl::StatusOr<std::vector<int32_t>> CountExamples(const fs::path& folder,
-                                                   const data::RecordingIndex& index,
-                                                   const v1::TrainingSettings& settings,
-                                                   int threads,
-                                                   const std::function<bool()>& keep_going) {
+absl::StatusOr<std::vector<int32_t>> CountExamplesPerRecording(
+    const fs::path& folder, const data::RecordingIndex& index, const v1::TrainingSettings& settings,
+    int threads, const std::function<bool()>& keep_going) {
   const absl::StatusOr<v1::Dataset> manifest = data::ReadDatasetManifest(folder);
   if (!manifest.ok()) return manifest.status();
   const auto& entries = index.entries();
@@ -75,7 +73,7 @@ absl::StatusOr<std::vector<int32_t>> CountExamples(const fs::path& folder,
   if (!counts.empty()) return counts;
   counts.assign(entries.size(), kHeldOut);
   const v1::ExampleSettings examples = TrainingExampleSettings(settings);
-  const absl::Status status = ForEachOnThreads(entries.size(), threads, [&](size_t i) {
+  const absl::Status status = machine::ForEachOnThreads(entries.size(), threads, [&](size_t i) {
     if (!keep_going()) return absl::CancelledError("stopped while counting the examples");
     if (data::HeldOut(entries[i].scenario_id, examples.validation_share())) {
       return absl::OkStatus();

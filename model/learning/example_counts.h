@@ -23,11 +23,9 @@ inline constexpr int32_t kHeldOut = -1;
 //   folder: the folder that `index` describes;  settings: complete
 //   keep_going: asked between recordings, from several threads; false ends it with CANCELLED
 // Errors: those of data::ReadDatasetManifest and of RecordingIndex::Read.
-absl::StatusOr<std::vector<int32_t>> CountExamples(const std::filesystem::path& folder,
-                                                   const data::RecordingIndex& index,
-                                                   const v1::TrainingSettings& settings,
-                                                   int threads,
-                                                   const std::function<bool()>& keep_going);
+absl::StatusOr<std::vector<int32_t>> CountExamplesPerRecording(
+    const std::filesystem::path& folder, const data::RecordingIndex& index,
+    const v1::TrainingSettings& settings, int threads, const std::function<bool()>& keep_going);
 
 }  // namespace maneuver::learning
 

@@ -138,7 +138,7 @@ void Learner::Rehearse(const LaterPhases& later) {
   }
   for (const RehearsedPhase& each : later.learned) rehearse(each);
   const CalibrationExamples calibrated =
-      CountExamples(state_.settings.model(), state_.data).Calibrated();
+      CountRunExamples(state_.settings.model(), state_.data).Calibrated();
   rehearse_calibration({kCalibratePhase, calibrated, PlanCalibration(state_.settings, calibrated),
                         [this](const CalibrationExamples& most, const CountCalibrationStep& count) {
                           return CalibrateBy(most, state_, count);

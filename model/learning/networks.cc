@@ -90,7 +90,7 @@ at::Tensor ClampedFromWithin(const at::Tensor& values, double least, double most
   return result;
 }
 
-std::string Layer(const std::string& network, size_t i, const char* tensor) {
+std::string Layer(const std::string& network, int i, const char* tensor) {
   return network + "." + std::to_string(i) + "." + tensor;
 }
 
@@ -105,7 +105,7 @@ Networks::Networks(const v1::ModelSpec& spec, at::Device device, at::Generator& 
       device_(device),
       backbone_(spec.has_raster() ? artifact::BackboneLayers(spec)
                                   : std::vector<artifact::BackboneLayer>()),
-      last_decoder_layer_("decoder." + std::to_string(spec.decoder().hidden_size())),
+      last_decoder_layer_(artifact::LastLayer("decoder", spec.decoder())),
       geometry_waypoints_(
           scene::FindGeometryWaypoints(artifact::WaypointTimes(spec.trajectory()))) {
   Eigen::MatrixXf basis =
@@ -116,12 +116,12 @@ Networks::Networks(const v1::ModelSpec& spec, at::Device device, at::Generator& 
 
   stddev_terms_ = StddevTerms(artifact::WaypointTimes(spec.trajectory())).to(device);
   TORCH_CHECK(functions == artifact::CurveFunctions(spec.trajectory()), "CurveFunctions is off");
-  const std::string last_scenario_layer = Layer(
-      "scenario_encoder", static_cast<size_t>(spec.scenario_encoder().hidden_size()), "weight");
-  const std::string last_action_layer = Layer(
-      "action_predictor", static_cast<size_t>(spec.action_predictor().hidden_size()), "weight");
+  const std::string last_scenario_layer =
+      artifact::LastLayer("scenario_encoder", spec.scenario_encoder()) + ".weight";
+  const std::string last_action_layer =
+      artifact::LastLayer("action_predictor", spec.action_predictor()) + ".weight";
   const std::string last_covariance_layer =
-      "scene_covariance." + std::to_string(spec.scene_covariance().hidden_size());
+      artifact::LastLayer("scene_covariance", spec.scene_covariance());
   for (auto [name, shape] : artifact::TensorShapes(spec)) {
     if (name.starts_with(last_decoder_layer_)) shape[0] = 2 * functions;
     at::Tensor values = at::zeros(shape, at::kFloat);
@@ -182,8 +182,8 @@ const at::Tensor& Networks::operator[](const std::string& name) const {
   return found->second;
 }
 
-at::Tensor Networks::Mlp(const std::string& name, size_t layers, at::Tensor x) const {
-  for (size_t i = 0; i < layers; ++i) {
+at::Tensor Networks::Mlp(const std::string& name, const v1::MlpSpec& mlp, at::Tensor x) const {
+  for (int i = 0; i <= mlp.hidden_size(); ++i) {
     if (i > 0) x = x.relu();
     x = at::linear(x, (*this)[Layer(name, i, "weight")], (*this)[Layer(name, i, "bias")]);
   }
@@ -230,8 +230,7 @@ at::Tensor Networks::EvaluateBackbone(const RasterBatch& rasters, bool training)
 }
 
 at::Tensor Networks::PredictActions(const SceneFeatures& scenes) const {
-  const size_t layers = static_cast<size_t>(spec_.action_predictor().hidden_size()) + 1;
-  at::Tensor logits = Mlp("action_predictor", layers, scenes.features);
+  at::Tensor logits = Mlp("action_predictor", spec_.action_predictor(), scenes.features);
   if (scenes.geometry.defined()) {
     logits =
         logits + at::linear(scenes.geometry, (*this)["action_geometry.logit.weight"]).squeeze(2);
@@ -240,16 +239,15 @@ at::Tensor Networks::PredictActions(const SceneFeatures& scenes) const {
 }
 
 Gaussian Networks::EncodeTrajectories(const at::Tensor& trajectories) const {
-  const size_t layers = static_cast<size_t>(spec_.trajectory_encoder().hidden_size()) + 1;
   const at::Tensor standard = (trajectories - (*this)["trajectory.mean"].flatten()) /
                               (*this)["trajectory.stddev"].flatten();
-  const std::vector<at::Tensor> halves = Mlp("trajectory_encoder", layers, standard).chunk(2, -1);
+  const std::vector<at::Tensor> halves =
+      Mlp("trajectory_encoder", spec_.trajectory_encoder(), standard).chunk(2, -1);
   return {halves[0], halves[1]};
 }
 
 at::Tensor Networks::Decode(const at::Tensor& latents, const at::Tensor& residual) const {
-  const size_t layers = static_cast<size_t>(spec_.decoder().hidden_size()) + 1;
-  at::Tensor coefficients = Mlp("decoder", layers, latents);
+  at::Tensor coefficients = Mlp("decoder", spec_.decoder(), latents);
   if (residual.defined()) coefficients = coefficients + residual;
   return at::linear(coefficients, CurveMap(), (*this)["trajectory.mean"].flatten());
 }
@@ -265,7 +263,7 @@ at::Tensor Networks::MeanResidual(const SceneFeatures& scenes) const {
 
 at::Tensor Networks::PredictLogStddevs(const SceneFeatures& scenes) const {
   const at::Tensor numbers =
-      PerAction("scene_covariance", spec_.scene_covariance().hidden_size(), scenes.features)
+      PerAction("scene_covariance", spec_.scene_covariance(), scenes.features)
           .transpose(0, 1)
           .unflatten(2, {2, artifact::kStddevTerms});  // [B, K, 2, 4]
   return ClampedFromWithin(at::matmul(numbers, stddev_terms_.t()).transpose(2, 3),
@@ -273,9 +271,8 @@ at::Tensor Networks::PredictLogStddevs(const SceneFeatures& scenes) const {
 }
 
 at::Tensor Networks::PredictCovariance(const at::Tensor& latents) const {
-  const size_t layers = static_cast<size_t>(spec_.decoder_covariance().hidden_size()) + 1;
-  const at::Tensor factors =
-      Mlp("decoder_covariance", layers, latents).unflatten(-1, {basis_.size(0), 3});
+  const at::Tensor factors = Mlp("decoder_covariance", spec_.decoder_covariance(), latents)
+                                 .unflatten(-1, {basis_.size(0), 3});
   const auto stddev = [&](int64_t index) {
     return factors.select(-1, index)
         .clamp(artifact::kLeastLogStddev, artifact::kMostLogStddev)
@@ -315,12 +312,12 @@ void Networks::Standardize(const at::Tensor& trajectories, bool mirrored) {
   coefficient_stddev_ = moments(at::matmul(basis_.t(), points), &coefficient_mean);
 }
 
-at::Tensor Networks::PerAction(const std::string& name, int hidden,
+at::Tensor Networks::PerAction(const std::string& name, const v1::MlpSpec& mlp,
                                const at::Tensor& features) const {
   const int64_t batch = features.size(0);
   const int64_t actions = spec_.actions();
   at::Tensor x;
-  for (size_t i = 0; i <= static_cast<size_t>(hidden); ++i) {
+  for (int i = 0; i <= mlp.hidden_size(); ++i) {
     const at::Tensor& weight = (*this)[Layer(name, i, "weight")];  // [K, out, in]
     const at::Tensor& bias = (*this)[Layer(name, i, "bias")];      // [K, out]
     if (i == 0) {
@@ -336,9 +333,8 @@ at::Tensor Networks::PerAction(const std::string& name, int hidden,
 }
 
 Gaussian Networks::EncodeScenarios(const SceneFeatures& scenes) const {
-  at::Tensor outputs =
-      PerAction("scenario_encoder", spec_.scenario_encoder().hidden_size(), scenes.features)
-          .transpose(0, 1);  // [B, K, 2D]
+  at::Tensor outputs = PerAction("scenario_encoder", spec_.scenario_encoder(), scenes.features)
+                           .transpose(0, 1);  // [B, K, 2D]
   if (scenes.geometry.defined()) {
     outputs = outputs + OfEachAction(scenes.geometry, (*this)["action_geometry.latent.weight"]);
   }
@@ -425,8 +421,7 @@ void Networks::Restore(const Snapshot& snapshot) {
 
 void Networks::ZeroScenarioEncoders() {
   at::NoGradGuard no_grad;
-  const std::string last =
-      "scenario_encoder." + std::to_string(spec_.scenario_encoder().hidden_size()) + ".";
+  const std::string last = artifact::LastLayer("scenario_encoder", spec_.scenario_encoder()) + ".";
   for (auto& [name, tensor] : tensors_) {
     if (name.starts_with(last) || name.starts_with("action_geometry.latent.") ||
         IsResidualWeight(name)) {
@@ -439,8 +434,8 @@ void Networks::SwitchOff(std::span<const int> actions) {
   // Far below any logit that is learned; the softmax makes it 0, and with it its gradient.
   constexpr double kNever = -1e4;
   at::NoGradGuard no_grad;
-  at::Tensor& bias = (*this)[Layer(
-      "action_predictor", static_cast<size_t>(spec_.action_predictor().hidden_size()), "bias")];
+  at::Tensor& bias =
+      (*this)[artifact::LastLayer("action_predictor", spec_.action_predictor()) + ".bias"];
   for (const int action : actions) {
     bias[action].fill_(kNever);
     (*this)["mixture.log_weight"][action].fill_(kNever);

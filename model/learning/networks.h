@@ -128,10 +128,10 @@ class Networks {
   std::vector<std::string> NamesOf(Part part) const;
   // Evaluates the backbone: rasters -> the last grid [B, C', h, w].
   at::Tensor EvaluateBackbone(const RasterBatch& rasters, bool training);
-  at::Tensor Mlp(const std::string& name, size_t layers, at::Tensor x) const;
-  // Evaluates the K networks `name` side by side. features [B, F'] -> [K, B, out]
-  //   hidden_layers: the networks have one layer more
-  at::Tensor PerAction(const std::string& name, int hidden_layers,
+  // Evaluates the perceptron `name`.
+  at::Tensor Mlp(const std::string& name, const v1::MlpSpec& mlp, at::Tensor x) const;
+  // Evaluates K perceptrons `name` side by side. features [B, F'] -> [K, B, out]
+  at::Tensor PerAction(const std::string& name, const v1::MlpSpec& mlp,
                        const at::Tensor& features) const;
   // Returns joint features of history, lane paths, agents and raster. Writes l_i, [B, paths, P], to
   // `lane_paths`.

@@ -66,7 +66,7 @@ class Recalibration {
     const v1::TrainingSettings settings = SettingsOf(model->manifest, run_.examples);
     const absl::StatusOr<TrainingData> data = Load(settings, datasets);
     if (!data.ok()) return data.status();
-    const RunExamples examples = CountExamples(settings.model(), *data);
+    const RunExamples examples = CountRunExamples(settings.model(), *data);
     const int64_t most = std::min(examples.in_memory, examples.most_calibrated.held_out);
     progress_.Replan(Plan(settings.model(), most, examples.held_out));
     const absl::Status fitted = Fit(settings, *data, most, *model);

@@ -9,7 +9,7 @@
 #include "model/data/example_index.h"
 #include "model/data/recording_blocks.h"
 #include "model/learning/example_counts.h"
-#include "model/learning/for_each_on_threads.h"
+#include "model/machine/parallel.h"
 
 namespace maneuver::learning {
 
@@ -39,7 +39,7 @@ absl::Status RecordingWindows::AddFolder(
   absl::StatusOr<data::RecordingIndex> index = data::RecordingIndex::Open(folder);
   if (!index.ok()) return index.status();
   const absl::StatusOr<std::vector<int32_t>> counts =
-      CountExamples(folder, *index, settings_, threads_, keep_going);
+      CountExamplesPerRecording(folder, *index, settings_, threads_, keep_going);
   if (!counts.ok()) return counts.status();
   const int number = static_cast<int>(folders_.size());
   int64_t all_bytes = 0;
@@ -70,7 +70,7 @@ absl::StatusOr<LoadedWindow> RecordingWindows::Load(const EpochWindow& window,
   LoadedWindow loaded;
   loaded.set.recordings.resize(count);
   std::vector<std::vector<data::Example>> found(count);
-  const absl::Status status = ForEachOnThreads(count, threads_, [&](size_t i) {
+  const absl::Status status = machine::ForEachOnThreads(count, threads_, [&](size_t i) {
     if (!keep_going()) return absl::CancelledError("stopped while reading the recordings");
     const UnreadRecording& unread = recordings_[window.recordings[i]];
     absl::StatusOr<v1::Scenario> recording = index(unread.folder).Read(unread.index);

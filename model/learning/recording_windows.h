@@ -38,7 +38,7 @@ class RecordingWindows {
   //   threads: number of threads that count examples and read a window
   //   keep_going: asked between recordings, from several threads; false ends it with CANCELLED
   //   learns_from: says by its id whether a recording is learned from; empty: all are
-  // Errors: those of data::RecordingIndex::Open and CountExamples.
+  // Errors: those of data::RecordingIndex::Open and CountExamplesPerRecording.
   static absl::StatusOr<std::shared_ptr<RecordingWindows>> Open(
       std::span<const std::filesystem::path> folders, const v1::TrainingSettings& settings,
       int64_t data_memory, int threads, const std::function<bool()>& keep_going,

@@ -27,7 +27,7 @@ struct RunExamples {
 
 // Counts the examples of the data. If they do not fit in memory, calibration reads as many as the
 // data memory allows.
-inline RunExamples CountExamples(const v1::ModelSpec& spec, const TrainingData& data) {
+inline RunExamples CountRunExamples(const v1::ModelSpec& spec, const TrainingData& data) {
   RunExamples examples{data.TrainingExamples(), static_cast<int64_t>(data.training.examples.size()),
                        static_cast<int64_t>(data.validation.examples.size())};
   if (data.windows != nullptr) {

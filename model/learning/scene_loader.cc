@@ -126,15 +126,15 @@ class Reader {
     scene::RollOut(spec_.reference(), spec_.inputs_version(), motion, waypoint_times_, reference_);
     std::ranges::copy(reference_, Row(scenes.references, i).begin());
     const scene::Pose2 turned(X_WT.x(), X_WT.y(), X_WT.heading() + noisy.heading_error);
-    ReadSets(example, turned, motion.speed / variation.scale,
-             {.scale = variation.scale, .mirror = variation.mirror}, i, scenes);
+    ReadSets(example, turned, motion.speed / variation.scale, variation, i, scenes);
     return noisy.heading_error;
   }
 
   // The lane paths and the agents nearby, whichever the model reads.
   //   speed: the target's, m/s, in the recorded world
   void ReadSets(const data::Example& example, const scene::Pose2& X_WT, double speed,
-                const scene::WorldView& view, int64_t i, const SceneTensors& scenes) {
+                const Variation& variation, int64_t i, const SceneTensors& scenes) {
+    const scene::WorldView view{.scale = variation.scale, .mirror = variation.mirror};
     const auto index = static_cast<size_t>(example.recording);
     const v1::Scenario& recording = set_.recordings[index];
     if (artifact::ReadsLanePaths(spec_)) {
@@ -147,7 +147,10 @@ class Reader {
       scene::DescribeAgents(recording, example.time, example.target_id, X_WT, speed, view,
                             &agents_);
       std::ranges::copy(agents_.values, Row(scenes.agents, i).begin());
-      std::ranges::fill(Row(scenes.agent_mask, i).first(static_cast<size_t>(agents_.count)), 1.0F);
+      const std::span<float> mask = Row(scenes.agent_mask, i);
+      for (int k = 0; k < agents_.count; ++k) {
+        mask[static_cast<size_t>(k)] = IsLeftOut(variation, k) ? 0.0F : 1.0F;
+      }
     }
   }
 
@@ -199,11 +202,9 @@ SceneLoader::SceneLoader(const v1::ModelSpec& spec, const SceneSource& source,
       ends_(std::move(ends)),
       work_(ends_.size(), ahead) {
   const Clock::time_point begin = Clock::now();
-  for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { Work(); });
+  for (int i = 0; i < threads; ++i) work_.Start([this] { Work(); });
   making_ = Clock::now() - begin;
 }
-
-SceneLoader::~SceneLoader() { work_.Stop(); }
 
 void SceneLoader::Work() {
   machine::AddNiceness(kNiceness);

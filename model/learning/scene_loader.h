@@ -8,7 +8,6 @@
 #include <cstdint>
 #include <optional>
 #include <span>
-#include <thread>
 #include <vector>
 
 #include "maneuver/v1/model_spec.pb.h"
@@ -50,12 +49,8 @@ class SceneLoader {
   //   ahead: the most batches that are read ahead
   SceneLoader(const v1::ModelSpec& spec, const SceneSource& source, std::vector<Item> items,
               std::vector<size_t> ends, size_t ahead, int threads);
-  // Stops the threads, whether or not the pass is over.
-  ~SceneLoader();
-  SceneLoader(const SceneLoader&) = delete;
-  SceneLoader& operator=(const SceneLoader&) = delete;
 
-  // Returns the next batch, in order; nothing at the end of the pass.
+  // Returns the next batch, in order; nothing at the end of the pass. Throws what reading it threw.
   std::optional<Batch> Next();
 
  private:
@@ -66,8 +61,7 @@ class SceneLoader {
   const std::vector<Item> items_;
   const std::vector<size_t> ends_;      // index into items_ where each batch ends
   std::chrono::nanoseconds making_{0};  // time of the constructor, until the first batch reports it
-  machine::OrderedWork<Batch> work_;
-  std::vector<std::jthread> threads_;
+  machine::OrderedWork<Batch> work_;    // last: its threads end before what they use
 };
 
 // Returns the rest of an epoch: its examples from `first` on, in their order. Each gets a new

@@ -16,14 +16,14 @@ struct SceneTensors {
   at::Tensor lane_paths = {};  // [B, scene::kMostLanePaths, scene::kLanePathInputs]
   at::Tensor path_mask = {};   // [B, scene::kMostLanePaths] 1 where there is a path, else 0
   at::Tensor agents = {};      // [B, scene::kMostNearAgents, scene::kAgentInputs]
-  at::Tensor agent_mask = {};  // [B, scene::kMostNearAgents] 1 where there is an agent, else 0
+  at::Tensor agent_mask = {};  // [B, scene::kMostNearAgents] 1 for an agent that is read, else 0
   at::Tensor references = {};  // r(m), [B, 2T] metres, target frame; 0 for a model without one
   at::Tensor speeds = {};      // along the heading, [B] m/s
 };
 
 // The features of B scenes that p(y|s), q(z|y,s) and the other networks read.
 struct SceneFeatures {
-  at::Tensor features;       // [B, F'], see artifact::SceneFeatures
+  at::Tensor features;       // [B, F'], see artifact::SceneFeatureCount
   at::Tensor geometry = {};  // h_y, [B, K, A]; undefined unless actions look at the lanes
 
   int64_t size() const { return features.size(0); }

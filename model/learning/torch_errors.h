@@ -16,13 +16,6 @@
 
 namespace maneuver::learning {
 
-inline absl::Status OutOfMemory() {
-  return WithFailure(absl::ResourceExhaustedError(
-                         "out of memory; use fewer recordings, smaller networks or batches, or "
-                         "raise the limit of the job"),
-                     TrainingFailure::kOutOfMemory);
-}
-
 // Returns work(), a Status or StatusOr. An exception becomes RESOURCE_EXHAUSTED with
 // TrainingFailure::kOutOfMemory, or INTERNAL.
 template <typename Work>

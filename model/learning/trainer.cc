@@ -128,7 +128,7 @@ class Training {
   }
 
   absl::StatusOr<v1::ModelManifest> Learn(const TrainingData& data) {
-    progress_.Replan(Plan(run_, CountExamples(settings_.model(), data)));
+    progress_.Replan(Plan(run_, CountRunExamples(settings_.model(), data)));
     Learner learner(settings_, data, device_, Threads(run_), ranks_, progress_);
     std::optional<AnchorLearner> anchors;  // of rank 0, if the run has baselines
     GivenNames given{.labels = data.label_names};

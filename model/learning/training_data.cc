@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "model/artifact/calibration_examples.h"
 #include "model/artifact/model_spec.h"
 #include "model/data/dataset_folder.h"
 #include "model/data/recording_blocks.h"
@@ -18,6 +19,11 @@
 
 namespace maneuver::learning {
 namespace {
+
+// Whether anything is learned, and not only calibrated.
+bool Learns(const v1::TrainingSettings& settings) {
+  return settings.optimization().joint_epochs() > 0;
+}
 
 // Adds recordings one by one to the side of the split that they belong to.
 class Splitter {
@@ -115,9 +121,10 @@ class Splitter {
   absl::Status TooFew(int64_t found, int64_t needed) const {
     const std::string types = artifact::TargetTypesText(settings_.model());
     const std::string remedy =
-        targets_ == 0
-            ? "None of their agents is of a type that the model learns from: check "
-              "model.target_types and `maneuver dataset show`"
+        targets_ == 0 ? "None of their agents is of a type that the model learns from: check "
+                        "model.target_types and `maneuver dataset show`"
+        : !Learns(settings_)
+            ? "Collect more outcomes, or make examples.stride smaller"
             : "Add recordings, make model.trajectory.waypoints fewer (a shorter horizon) or "
               "examples.stride smaller, or lower model.actions and optimization.batch_size";
     return WithFailure(
@@ -192,8 +199,10 @@ absl::Status CheckExamples(int64_t all, int64_t sampled, const v1::TrainingSetti
   if (sampled >= needed) return absl::OkStatus();
   const std::string remedy =
       all >= needed ? "raise --data-memory"
-                    : "add recordings, make examples.stride smaller, or lower model.actions and "
-                      "optimization.batch_size";
+      : Learns(settings)
+          ? "add recordings, make examples.stride smaller, or lower model.actions and "
+            "optimization.batch_size"
+          : "collect more outcomes, or make examples.stride smaller";
   return WithFailure(
       absl::FailedPreconditionError(absl::StrFormat(
           "the recordings hold %d training examples, the sample of them that fits in the data "
@@ -265,6 +274,7 @@ int64_t TrainingData::TrainingExamples() const {
 }
 
 int64_t MinimumExamples(const v1::TrainingSettings& settings) {
+  if (!Learns(settings)) return artifact::kFewestHeldOut;
   return 2 * std::max(settings.model().actions(), settings.optimization().batch_size());
 }
 

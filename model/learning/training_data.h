@@ -76,7 +76,8 @@ absl::StatusOr<TrainingData> OpenTrainingData(std::span<const std::filesystem::p
 absl::StatusOr<TrainingData> SplitRecordings(std::vector<v1::Scenario> recordings,
                                              const v1::TrainingSettings& settings);
 
-// Returns the least number of training examples: two for each action, and two full batches.
+// Returns the least number of training examples: two for each action, and two full batches. For
+// settings without epochs, by which a model is recalibrated, kFewestHeldOut.
 int64_t MinimumExamples(const v1::TrainingSettings& settings);
 
 }  // namespace maneuver::learning

@@ -31,6 +31,13 @@ inline std::optional<TrainingFailure> FailureOf(const absl::Status& status) {
   return static_cast<TrainingFailure>((*payload)[0]);
 }
 
+inline absl::Status OutOfMemory() {
+  return WithFailure(absl::ResourceExhaustedError(
+                         "out of memory; use fewer recordings, smaller networks or batches, or "
+                         "raise the limit of the job"),
+                     TrainingFailure::kOutOfMemory);
+}
+
 }  // namespace maneuver::learning
 
 #endif  // MANEUVER_MODEL_LEARNING_TRAINING_FAILURE_H_

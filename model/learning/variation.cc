@@ -28,6 +28,14 @@ std::function<bool(int64_t)> HiddenAgents(const Variation& variation) {
   };
 }
 
+bool IsLeftOut(const Variation& variation, int place) {
+  // Other numbers than those of HiddenAgents, which are for ids.
+  constexpr uint64_t kPlaces = 1;
+  const uint64_t seed = MixHash(SplitMix64(variation.drop_seed), kPlaces);
+  return variation.drop_agents > 0.0 &&
+         UnitInterval(MixHash(seed, static_cast<uint64_t>(place))) < variation.drop_agents;
+}
+
 Variation DrawVariation(const v1::AugmentationSettings& settings, int history_frames, uint64_t seed,
                         int epoch, int64_t example) {
   uint64_t state = MixHash(MixHash(SplitMix64(seed), static_cast<uint64_t>(epoch)),

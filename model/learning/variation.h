@@ -20,7 +20,7 @@ struct Variation {
   double shift_x = 0.0;           // pixels, only in the raster
   double shift_y = 0.0;           // pixels, only in the raster
   double rotation = 0.0;          // radians that the target's frame turns relative to the world
-  double drop_agents = 0.0;       // share of the other agents that are left out, only in the raster
+  double drop_agents = 0.0;       // share of the other agents that are left out
   uint64_t drop_seed = 0;         // which ones
   int frames = INT32_MAX;         // latest frames that show agents, the present one included
   scene::SensorNoise noise = {};  // on the target's history, only in the scene vectors
@@ -39,8 +39,12 @@ void ApplyVariation(const Variation& variation, std::span<float> trajectory);
 // Returns the target's motion after the variation.
 scene::MotionInputs VariedMotion(const Variation& variation, const scene::MotionInputs& motion);
 
-// Returns which agents a variation leaves out; empty if it leaves out none.
+// Returns which agents a variation leaves out of the raster; empty if it leaves out none.
 std::function<bool(int64_t agent_id)> HiddenAgents(const Variation& variation);
+
+// Returns whether a variation leaves out the agent that is the `place`-th nearest, from 0, of those
+// that scene vectors describe (agent_inputs.h). Raster and vectors are drawn independently.
+bool IsLeftOut(const Variation& variation, int place);
 
 }  // namespace maneuver::learning
 

@@ -58,7 +58,7 @@ class Exporter {
       AddGenericTrajectories();
     }
     graph_.Add("Softmax", "probabilities", {logits}, {Attribute::One("axis", 1)});
-    graph_.Output("features", {scenes_, artifact::SceneFeatures(spec_)});
+    graph_.Output("features", {scenes_, artifact::SceneFeatureCount(spec_)});
     graph_.Output("probabilities", {scenes_, spec_.actions()});
     if (distributions) AddDistributions(features);
   }

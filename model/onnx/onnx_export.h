@@ -14,7 +14,7 @@
 //   reference       [N, T, 2]     r(m), target frame, metres (scene/motion_reference.h); only with
 //                                 distributions
 // Outputs:
-//   features        [N, F']       artifact::SceneFeatures
+//   features        [N, F']       artifact::SceneFeatureCount
 //   probabilities   [N, K]        p(y|s)
 //   generic_trajectories [K, T, 2]  p(z|y) decoded at its mean, metres, without the reference.
 //                                 Depends on no input. Only for actions that look at the lanes

@@ -10,16 +10,12 @@
 
 #include "model/kernels/points.h"
 #include "model/scene/brush.h"
+#include "model/scene/duration.h"
 #include "model/scene/pixel_line.h"
 #include "model/scene/target_frame.h"
 
 namespace maneuver::scene {
 namespace {
-
-double FrameInterval(const v1::RasterSpec& spec) {
-  return static_cast<double>(spec.frame_interval().seconds()) +
-         1e-9 * spec.frame_interval().nanos();
-}
 
 uint8_t BoxIntensity(v1::AgentType type) {
   switch (type) {
@@ -92,7 +88,9 @@ class Projection {
 class Rasterizer::Painter {
  public:
   explicit Painter(const v1::RasterSpec& spec)
-      : spec_(spec), frame_interval_(FrameInterval(spec)), tolerance_(0.5 * frame_interval_) {
+      : spec_(spec),
+        frame_interval_(ToSeconds(spec.frame_interval())),
+        tolerance_(0.5 * frame_interval_) {
     assert(spec.meters_per_pixel() > 0.0 && frame_interval_ > 0.0);
   }
 

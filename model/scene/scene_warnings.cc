@@ -40,7 +40,13 @@ class WarningSearch {
  public:
   WarningSearch(const v1::Scenario& scenario, const RoadMap& map, double tolerance,
                 const SceneWarningLimits& limits)
-      : scenario_(scenario), map_(map), tolerance_(tolerance), limits_(limits) {}
+      : scenario_(scenario),
+        map_(map),
+        tolerance_(tolerance),
+        limits_(limits),
+        sorted_targets_(scenario.target_ids().begin(), scenario.target_ids().end()) {
+    std::ranges::sort(sorted_targets_);
+  }
 
   std::vector<FieldViolation> Find() {
     for (const Box& box : map_.boxes()) whole_map_ = whole_map_ ? whole_map_->With(box) : box;
@@ -62,10 +68,7 @@ class WarningSearch {
          absl::StrCat("agent ", scenario_.agents(agent).id(), " ", std::move(description)));
   }
 
-  bool IsTarget(int64_t id) const {
-    return std::find(scenario_.target_ids().begin(), scenario_.target_ids().end(), id) !=
-           scenario_.target_ids().end();
-  }
+  bool IsTarget(int64_t id) const { return std::ranges::binary_search(sorted_targets_, id); }
 
   double MaxSpeed(v1::AgentType type) const {
     if (type == v1::AGENT_TYPE_PEDESTRIAN) return limits_.max_pedestrian_speed;
@@ -225,6 +228,7 @@ class WarningSearch {
   const RoadMap& map_;
   const double tolerance_;
   const SceneWarningLimits& limits_;
+  std::vector<int64_t> sorted_targets_;
   std::optional<Box> whole_map_;
   std::vector<FieldViolation> found_;
 };

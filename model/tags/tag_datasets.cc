@@ -4,7 +4,6 @@
 #include <cmath>
 #include <numeric>
 #include <set>
-#include <thread>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -16,6 +15,7 @@
 #include "model/data/recording_index.h"
 #include "model/evaluation/action_names.h"
 #include "model/machine/ordered_work.h"
+#include "model/scene/duration.h"
 #include "model/tags/shard_tags.h"
 #include "model/tags/tagger.h"
 
@@ -89,8 +89,7 @@ TagSchema MakeSchema(const inference::ActionModel& model, const v1::ExampleSetti
   for (const std::string& name : evaluation::DisplayNames(model.manifest())) {
     schema.add_action_names(name);
   }
-  schema.set_stride(static_cast<double>(examples.stride().seconds()) +
-                    1e-9 * examples.stride().nanos());
+  schema.set_stride(scene::ToSeconds(examples.stride()));
   schema.set_horizon(artifact::WaypointTimes(model.spec().trajectory()).back());
   schema.set_max_speed(examples.max_speed());
   for (TagColumn& column : CsvColumns()) *schema.add_columns() = std::move(column);
@@ -156,9 +155,8 @@ class Tagging {
     std::ranges::sort(
         order, {}, [&](size_t i) -> const std::string& { return index.entries()[i].scenario_id; });
     machine::OrderedWork<TaggedRecording> work(order.size(), kAheadPerThread * taggers_.size());
-    std::vector<std::jthread> threads;
     for (const std::unique_ptr<Tagger>& tagger : taggers_) {
-      threads.emplace_back([&, mine = tagger.get()] {
+      work.Start([&, mine = tagger.get()] {
         while (const std::optional<size_t> item = work.Claim()) {
           const absl::StatusOr<v1::Scenario> recording = index.Read(order[*item]);
           work.Put(*item, recording.ok() ? TaggedRecording(mine->Tag(*recording))
@@ -185,8 +183,6 @@ class Tagging {
         break;
       }
     }
-    work.Stop();
-    threads.clear();
     if (status.ok()) status = (*writer)->Commit();
     if (!status.ok()) return status;
     ++summary_.shards;

@@ -4,18 +4,17 @@
 
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <cmath>
 #include <numbers>
 #include <set>
 #include <span>
-#include <thread>
 #include <tuple>
 #include <unordered_map>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "model/machine/parallel.h"
 
 namespace maneuver::tags {
 namespace {
@@ -251,18 +250,6 @@ class Scan {
     return {columns.begin(), columns.end()};
   }
 
-  // Calls `work(i)` for each i below `count`, on the query's threads.
-  template <typename Work>
-  void Parallel(size_t count, const Work& work) const {
-    std::atomic<size_t> next = 0;
-    const auto loop = [&] {
-      for (size_t i = next++; i < count; i = next++) work(i);
-    };
-    std::vector<std::jthread> threads;
-    for (int i = 1; i < query_.threads; ++i) threads.emplace_back(loop);
-    loop();
-  }
-
   // Checks the used columns of all shards that may match, and lists their blocks.
   absl::Status Verify() {
     const std::set<Column> used = Used();
@@ -275,14 +262,9 @@ class Scan {
         blocks_.push_back({shard, begin, std::min(rows, begin + kBlock)});
       }
     }
-    std::vector<absl::Status> results(checks.size());
-    Parallel(checks.size(), [&](size_t i) {
-      results[i] = asked_[checks[i].first].shard->tags->Verify(checks[i].second);
+    return machine::ForEachOnThreads(checks.size(), query_.threads, [&](size_t i) {
+      return asked_[checks[i].first].shard->tags->Verify(checks[i].second);
     });
-    for (const absl::Status& result : results) {
-      if (!result.ok()) return result;
-    }
-    return absl::OkStatus();
   }
 
   // Checks all columns of the shards that have matches, because printing reads them.
@@ -303,7 +285,8 @@ class Scan {
 
   std::vector<Part> ScanBlocks() const {
     std::vector<Part> parts(blocks_.size());
-    Parallel(blocks_.size(), [&](size_t i) { ScanBlock(blocks_[i], &parts[i]); });
+    machine::ForEachOnThreads(blocks_.size(), query_.threads,
+                              [&](size_t i) { ScanBlock(blocks_[i], &parts[i]); });
     return parts;
   }
 

@@ -11,6 +11,7 @@
 #include "absl/strings/str_format.h"
 #include "model/evaluation/baselines.h"
 #include "model/evaluation/displacement.h"
+#include "model/scene/duration.h"
 #include "model/scene/road_map.h"
 #include "model/scene/target_frame.h"
 
@@ -20,10 +21,6 @@ namespace {
 constexpr size_t kBatch = 8;  // windows at a time
 constexpr double kLeastProbability = 1e-30;
 constexpr double kWorthWriting = 0.01;  // q(y|x,s)
-
-double ToSeconds(const google::protobuf::Duration& duration) {
-  return static_cast<double>(duration.seconds()) + 1e-9 * duration.nanos();
-}
 
 inference::Trajectory ToTrajectory(const std::vector<float>& values) {
   inference::Trajectory trajectory(static_cast<Eigen::Index>(values.size() / 2), 2);
@@ -68,7 +65,7 @@ struct Tagger::Window {
 Tagger::Tagger(std::shared_ptr<const inference::ActionModel> model, TaggerOptions options)
     : model_(std::move(model)),
       options_(std::move(options)),
-      stride_(ToSeconds(options_.examples.stride())),
+      stride_(scene::ToSeconds(options_.examples.stride())),
       session_(model_->NewSession()),
       reader_(model_->spec()),
       inputs_(kBatch, reader_.NewInputs()),
@@ -101,10 +98,10 @@ std::vector<Tagger::Window> Tagger::TagWindows(const v1::Scenario& recording) {
   for (size_t begin = 0; begin < examples.size(); begin += kBatch) {
     const std::span<const data::Example> batch =
         std::span(examples).subspan(begin, std::min(kBatch, examples.size() - begin));
-    std::vector<inference::SceneInput> scenes;
+    std::vector<inference::SceneInputsView> scenes;
     for (size_t i = 0; i < batch.size(); ++i) {
       reader_.Read(recording, map, batch[i].time, batch[i].target_id, batch[i].X_WT, &inputs_[i]);
-      scenes.push_back(inference::InputOf(inputs_[i]));
+      scenes.push_back(inference::ViewOf(inputs_[i]));
     }
     session_->Encode(scenes, std::span(encodings_).first(batch.size()));
     for (size_t i = 0; i < batch.size(); ++i) {
@@ -123,7 +120,7 @@ Tagger::Window Tagger::TagWindow(const v1::Scenario& recording, const data::Exam
   window.type = agent.type();
   window.time = example.time;
   window.X_WT = example.X_WT;
-  window.speed = evaluation::EstimateMotion(agent, example.time).speed();
+  window.speed = evaluation::MotionAt(agent, example.time).speed();
   window.responsibilities = session_->Classify(encoding, driven).responsibilities;
   window.responsibilities.maxCoeff(&window.action);
   window.probability = encoding.probabilities[window.action];

@@ -16,6 +16,7 @@
 #include "model/evaluation/metric_table.h"
 #include "model/evaluation/rival_table.h"
 #include "model/files/digest.h"
+#include "model/scene/duration.h"
 #include "server/errors/error_details.h"
 #include "server/security/resource_name.h"
 
@@ -370,9 +371,7 @@ int64_t FoldSeedOf(const v1::CrossValidateRequest& request) {
 
 int PartsOf(const v1::TagRequest& request) { return std::max(1, request.parts()); }
 
-double StrideOf(const v1::TagRequest& request) {
-  return static_cast<double>(request.stride().seconds()) + 1e-9 * request.stride().nanos();
-}
+double StrideOf(const v1::TagRequest& request) { return scene::ToSeconds(request.stride()); }
 
 v1::Tags NewTags(const v1::Job& job) {
   v1::Tags tags;

@@ -254,7 +254,7 @@ absl::Status Run(const ServerOptions& options, TerminationSignals& signals,
               kLastWork);
     LogShutdown(options, signal);
     const auto refusing = std::chrono::steady_clock::now() + options.shutdown_delay;
-    server.TurnHealth();
+    server.ShowNotServing();
     supervisor.Stop();
     report.reset();  // the others no longer count on this server
     // Who balances needs a moment to see that: until then nobody is turned away.

@@ -127,7 +127,7 @@ void Services::BoundLargeRequests(int port) {
               [](double sum, const auto& each) { return sum + static_cast<double>(each.second); });
           if (2.0 * bytes < free) allowed = std::numeric_limits<size_t>::max();
         }
-        message_gate_.Look(now, allowed);
+        message_gate_.StopExcess(now, allowed);
         return part > kUrgent ? received.CutOffLargest(least) : 0;
       });
 }

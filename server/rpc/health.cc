@@ -80,7 +80,7 @@ void HealthService::Set(std::string_view service, bool is_serving) {
   TellWatchers();
 }
 
-void HealthService::Turn() {
+void HealthService::ShowNotServing() {
   const MutexLock lock(mutex_);
   is_turned_ = true;
   TellWatchers();

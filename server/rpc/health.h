@@ -23,10 +23,10 @@ namespace maneuver::rpc {
 class HealthService final : public grpc::health::v1::Health::CallbackService {
  public:
   // Sets whether a service is SERVING; "" is the server as a whole. Services that were never set are
-  // unknown. After Turn it changes no answer.
+  // unknown. After ShowNotServing it changes no answer.
   void Set(std::string_view service, bool is_serving);
   // Makes every service NOT_SERVING permanently.
-  void Turn();
+  void ShowNotServing();
   // Returns whether a service is SERVING; nothing if it is unknown.
   std::optional<bool> IsServing(std::string_view service) const;
 

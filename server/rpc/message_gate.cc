@@ -126,7 +126,7 @@ void MessageGate::StopLate(Time now, std::chrono::milliseconds longest) {
   for (const auto& call : cancelled) call->Cancel();
 }
 
-void MessageGate::Look(Time now, size_t allowed) {
+void MessageGate::StopExcess(Time now, size_t allowed) {
   std::vector<Call> begun;
   Calls stopped;
   Calls cancelled;

@@ -69,7 +69,7 @@ class MessageGate {
   // Returns how many slow requests come by connections that have large ones, as weighed last.
   size_t CountLarge(Time now);
   // Stops large requests until `allowed` are left. Call it often.
-  void Look(Time now, size_t allowed);
+  void StopExcess(Time now, size_t allowed);
   // Stops requests, of any size, that have taken longer than `longest`. Call it now and then.
   void StopLate(Time now, std::chrono::milliseconds longest);
 

@@ -19,7 +19,7 @@ void OpenCalls::End(const std::string& peer, int64_t begun) {
   if (calls->second.empty()) calls_.erase(calls);
 }
 
-std::set<std::string> OpenCalls::Look(int most) {
+std::set<std::string> OpenCalls::FindCrowded(int most) {
   const MutexLock lock(mutex_);
   ++looks_;
   std::set<std::string> crowded;

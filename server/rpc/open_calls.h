@@ -30,7 +30,7 @@ class OpenCalls {
   void End(const std::string& peer, int64_t begun);
 
   // Returns the peers that have more than `most` old calls.
-  std::set<std::string> Look(int most);
+  std::set<std::string> FindCrowded(int most);
 
  private:
   using CallsByBegin = std::map<int64_t, int>;  // without zeros

@@ -106,18 +106,18 @@ class OutcomeReport {
   absl::Status Score() {
     Begin();
     for (auto& [reference, group] : groups_) {
-      if (absl::Status status = Alive(); !status.ok()) return status;
+      if (absl::Status status = CheckWanted(); !status.ok()) return status;
       if (absl::Status status = Predict(reference, group); !status.ok()) return status;
     }
     if (!unavailable_.ok()) return unavailable_;
     for (size_t i = 0; i < outcomes_.size(); ++i) {
       if (!outcomes_[i].status.ok()) continue;
       for (ReportedTarget& target : outcomes_[i].targets) {
-        if (absl::Status status = Alive(); !status.ok()) return status;
+        if (absl::Status status = CheckWanted(); !status.ok()) return status;
         ScoreTarget(target);
       }
     }
-    return Alive();
+    return CheckWanted();
   }
 
   // Keeps the outcomes that came with their scenes, each with its most surprising target.
@@ -181,7 +181,7 @@ class OutcomeReport {
     return model;
   }
 
-  absl::Status Alive() const {
+  absl::Status CheckWanted() const {
     if (cancelled_()) return absl::CancelledError("the caller has gone");
     if (std::chrono::steady_clock::now() < deadline_) return absl::OkStatus();
     return absl::DeadlineExceededError("the deadline passed before all outcomes were scored");

@@ -159,7 +159,7 @@ void Server::KeepLimits(const ConnectionLimits& limits, monitoring::MetricRegist
     while (!stop_.StoppedWithin(std::chrono::milliseconds(250))) {
       refused.Increment(connections.Enforce());
       crowded.Increment(
-          CutOffConnections(address_.port, calls_->Look(kFarTooMany * limits.max_streams)));
+          CutOffConnections(address_.port, calls_->FindCrowded(kFarTooMany * limits.max_streams)));
       const auto now = std::chrono::steady_clock::now();
       for (MessageGate* const gate : gates) gate->StopLate(now, limits.request);
     }
@@ -194,7 +194,7 @@ void Server::SetPredictionsReady(bool ready) {
   health_->Set(kPredictionService, ready && !refuses_predictions_);
 }
 
-void Server::TurnHealth() { health_->Turn(); }
+void Server::ShowNotServing() { health_->ShowNotServing(); }
 
 std::optional<bool> Server::IsServing(std::string_view service) const {
   return health_->IsServing(service);

@@ -80,7 +80,7 @@ class Server {
   void SetPredictionsReady(bool ready);
 
   // Makes every service NOT_SERVING permanently. Calls are still answered.
-  void TurnHealth();
+  void ShowNotServing();
 
   // Returns whether a service, or the server as a whole (""), is SERVING according to
   // grpc.health.v1; nothing for any other name. Safe from any thread.

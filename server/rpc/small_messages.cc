@@ -43,7 +43,7 @@ void SmallMessages::Run(const ReceivedBy& received) {
       const MutexLock looking(looking_);
       before_.clear();
     }
-    Look(received);
+    CancelExcess(received);
   }
 }
 
@@ -69,7 +69,7 @@ bool SmallMessages::Remove(int64_t number) {
   return !removed.is_cancelled;
 }
 
-void SmallMessages::Look(const ReceivedBy& received) {
+void SmallMessages::CancelExcess(const ReceivedBy& received) {
   const MutexLock looking(looking_);
   std::set<std::string> peers;
   {

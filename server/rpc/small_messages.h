@@ -46,7 +46,7 @@ class SmallMessages {
 
   // Cancels the messages of those connections that brought the most, until the others have brought
   // at most kMostBytesUnderway together.
-  void Look(const ReceivedBy& received);
+  void CancelExcess(const ReceivedBy& received);
 
  private:
   struct Message {

@@ -42,12 +42,6 @@ std::optional<std::string> AsAddress(const std::string& text) {
   return std::nullopt;
 }
 
-bool IsDigest(std::string_view text) {
-  return text.size() == kDigestDigits && std::ranges::all_of(text, [](char c) {
-           return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f');
-         });
-}
-
 std::string_view Trim(std::string_view text) {
   const size_t begin = text.find_first_not_of(kSpace);
   if (begin == std::string_view::npos) return {};
@@ -66,7 +60,7 @@ constexpr char kNameRule[] = "a name has at most 63 characters: letters, digits,
 // Reads "<64 digits>" or "<64 digits> expires=TIME". False if it is neither.
 bool ParseToken(std::string_view text, IdentityLine& line) {
   const std::string_view digest = TakeWord(text);
-  if (!IsDigest(digest)) return false;
+  if (!files::IsSha256Hex(digest)) return false;
   line.kind = IdentityLine::Kind::kToken;
   line.credential = std::string(digest);
   if (text.empty()) return true;

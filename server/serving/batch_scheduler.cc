@@ -105,7 +105,7 @@ absl::Status BatchScheduler::Submit(CallPtr call) {
   submitters_.Join();
   const size_t targets = call->targets.size();
   const TimePoint now = options_.now();
-  if (auto status = call->Alive(now); !status.ok()) {
+  if (auto status = call->CheckWanted(now); !status.ok()) {
     CountDead(status, Passed::kNothing, targets);
     return status;
   }
@@ -201,7 +201,7 @@ void BatchScheduler::CountDead(const absl::Status& status, Passed passed, size_t
 void BatchScheduler::Drop(const std::vector<TargetQueue::Item>& items, TimePoint now,
                           Passed passed) {
   for (const TargetQueue::Item& item : items) {
-    absl::Status status = item.call->Alive(now);
+    absl::Status status = item.call->CheckWanted(now);
     CountDead(status, passed, 1);
     Answer(item, Failure(std::move(status)), nullptr);
   }
@@ -284,7 +284,7 @@ TimePoint BatchScheduler::DropDead(std::vector<Row>& rows, Passed passed) {
   const TimePoint now = options_.now();
   std::vector<TargetQueue::Item> dead;
   std::erase_if(rows, [&](const Row& row) {
-    if (row.item.call->Alive(now).ok()) return false;
+    if (row.item.call->CheckWanted(now).ok()) return false;
     dead.push_back(row.item);
     return true;
   });
@@ -297,9 +297,9 @@ TimePoint BatchScheduler::ReadScenes(Engine& engine, std::vector<Row>& rows, Tim
   const auto read = [&](auto&& part, monitoring::Histogram& stage_time) {
     for (size_t i = 0; i < rows.size(); ++i) {
       const PredictionCall& call = *rows[i].item.call;
-      if (!call.Alive(options_.now()).ok()) continue;  // the caller drops it
+      if (!call.CheckWanted(options_.now()).ok()) continue;  // the caller drops it
       part(call.targets[rows[i].item.target], engine.reader(), &engine.Inputs(i));
-      rows[i].scene = inference::InputOf(engine.Inputs(i));
+      rows[i].scene = inference::ViewOf(engine.Inputs(i));
     }
     const TimePoint now = options_.now();
     stage_time.Observe(Seconds(now - start));
@@ -358,7 +358,7 @@ void BatchScheduler::RunBatch(std::vector<TargetQueue::Item> items) {
   start = ReadScenes(*engine, rows, start);
   start = DropDead(rows, Passed::kRaster);
   if (rows.empty()) return;
-  std::vector<inference::SceneInput> scenes;
+  std::vector<inference::SceneInputsView> scenes;
   for (const Row& row : rows) scenes.push_back(row.scene);
   std::vector<inference::SceneEncoding> encodings(rows.size());
   engine->session().Encode(scenes, encodings);
@@ -368,7 +368,7 @@ void BatchScheduler::RunBatch(std::vector<TargetQueue::Item> items) {
   for (size_t i = 0; i < rows.size(); ++i) {
     const PredictionCall& call = *rows[i].item.call;
     // Describing many actions takes long enough to ask again before each target.
-    if (const TimePoint now = options_.now(); !call.Alive(now).ok()) {
+    if (const TimePoint now = options_.now(); !call.CheckWanted(now).ok()) {
       Drop({rows[i].item}, now, Passed::kEncode);
       continue;
     }

@@ -65,7 +65,7 @@ class BatchScheduler {
   // A target on its way through the stages.
   struct Row {
     TargetQueue::Item item;
-    inference::SceneInput scene = {};
+    inference::SceneInputsView scene = {};
   };
 
   void Work(int worker) ABSL_LOCKS_EXCLUDED(mutex_);

@@ -14,7 +14,6 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "MapId feeds numbers as they lie");
 
-constexpr size_t kIdLength = 64;
 constexpr int32_t kDeclaresLinks = 1 << 30;  // added to the type of a feature in its digest
 
 template <typename Number>
@@ -64,11 +63,7 @@ std::string MapId(const scene::MapFeatures& features) {
   return digest.Finish();
 }
 
-bool IsMapId(std::string_view text) {
-  return text.size() == kIdLength && std::ranges::all_of(text, [](char c) {
-           return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f');
-         });
-}
+bool IsMapId(std::string_view text) { return files::IsSha256Hex(text); }
 
 MapCache::Metrics::Metrics(monitoring::MetricRegistry& registry)
     : maps(registry.AddGauge("maneuver_maps", "Registered maps that are held.")),

@@ -106,7 +106,7 @@ void MemoryBudget::RelieveBy(std::function<int(double part)> relieve) {
   relieve_ = std::move(relieve);
 }
 
-void MemoryBudget::Look() {
+void MemoryBudget::Relieve() {
   if (limit_ <= 0) return;
   const MutexLock lock(looking_);
   const double most = kAdmitted * static_cast<double>(limit_);
@@ -127,7 +127,7 @@ void MemoryBudget::Look() {
 
 void MemoryBudget::Watch() {
   do {
-    Look();
+    Relieve();
   } while (!stop_.StoppedWithin(kInterval));
 }
 

@@ -27,7 +27,7 @@ class MemoryBudget {
   // Watches the memory of this process, fifty times a second, and shows it as a metric.
   //   limit: bytes of anonymous memory; 0: any number, and nothing is watched
   MemoryBudget(int64_t limit, monitoring::MetricRegistry& metrics);
-  // The same over other sources, for tests. No thread watches: only Look() does.
+  // The same over other sources, for tests. No thread watches: only Relieve() does.
   //   used: returns the bytes in use
   //   free_unused: gives memory that was freed back to the system
   MemoryBudget(int64_t limit, std::function<int64_t()> used, std::function<void()> free_unused,
@@ -53,7 +53,7 @@ class MemoryBudget {
 
   // Looks at the memory now. If it is full, or a call was refused, frees what is unused, at most
   // once a second, and looks again.
-  void Look();
+  void Relieve();
 
  private:
   void Watch();

@@ -48,7 +48,7 @@ PastAnswer PastAnswerMaker::Make(const Target& target, const inference::SceneEnc
           .X_WT = target.X_WT,
           .type = agent.type(),
           .last = last,
-          .speed = evaluation::EstimateMotion(agent, last.time()).speed(),
+          .speed = evaluation::MotionAt(agent, last.time()).speed(),
           .agents = agents_,
           .map_features = target.map != nullptr
                               ? evaluation::MapFeaturesNear(*target.map, target.X_WT)

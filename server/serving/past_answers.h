@@ -34,7 +34,7 @@ struct PastAnswer {
   scene::Pose2 X_WT;
   v1::AgentType type = v1::AGENT_TYPE_UNSPECIFIED;
   v1::AgentState last;   // the target's latest state at or before the prediction time
-  double speed = 0.0;    // of that state, m/s (evaluation::EstimateMotion)
+  double speed = 0.0;    // of that state, m/s (evaluation::MotionAt)
   int agents = 0;        // of the scenario at the prediction time (evaluation::AgentsAt)
   int map_features = 0;  // near the target (evaluation::MapFeaturesNear)
 };

@@ -92,7 +92,7 @@ void ReadScene(const Target& target, scene::SceneReader& reader, scene::SceneInp
   });
 }
 
-absl::Status PredictionCall::Alive(TimePoint now) const {
+absl::Status PredictionCall::CheckWanted(TimePoint now) const {
   if (cancelled.load(std::memory_order_relaxed)) {
     return absl::CancelledError("the caller cancelled the request");
   }

@@ -126,7 +126,7 @@ struct PredictionCall {
   std::atomic<bool> cancelled = false;
 
   // Returns OK while somebody waits for the answer, else CANCELLED or DEADLINE_EXCEEDED.
-  absl::Status Alive(TimePoint now) const;
+  absl::Status CheckWanted(TimePoint now) const;
 
   // The combinations of each scenario of `targets`, in their order, if `question` asks for some.
   // Complete when `done` is called.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <exception>
 #include <numeric>
 
 #include "absl/strings/str_cat.h"
@@ -37,11 +38,20 @@ void ServedModel::SetActionNames(std::vector<std::string> names) {
 }
 
 absl::Status ServedModel::WarmUp() {
+  try {
+    return AnswerEmptyScene();
+  } catch (const std::exception& error) {  // dnnl::error, std::bad_alloc
+    return absl::InternalError(
+        absl::StrCat(name_.ToString(), " cannot answer: the engine failed: ", error.what()));
+  }
+}
+
+absl::Status ServedModel::AnswerEmptyScene() {
   Lease engine(*this);
   const v1::Scenario empty;
   engine->reader().Read(empty, scene::RoadMap::Over(empty.map_features()), /*time=*/0.0,
                         /*target_id=*/0, scene::Pose2(), &engine->Inputs(0));
-  const std::array<inference::SceneInput, 1> scenes = {inference::InputOf(engine->Inputs(0))};
+  const std::array<inference::SceneInputsView, 1> scenes = {inference::ViewOf(engine->Inputs(0))};
   std::array<inference::SceneEncoding, 1> encodings;
   engine->session().Encode(scenes, encodings);
 

@@ -73,6 +73,7 @@ class ServedModel {
   };
 
  private:
+  absl::Status AnswerEmptyScene();
   std::unique_ptr<Engine> TakeEngine();
   void ReturnEngine(std::unique_ptr<Engine> engine);
 

@@ -63,8 +63,8 @@ absl::Status ShadowComparison::Read(const Target& target) {
 }
 
 absl::Status ShadowComparison::Encode() {
-  const std::array<inference::SceneInput, 1> scene = {
-      inference::InputOf(candidate_engine_.Inputs(0))};
+  const std::array<inference::SceneInputsView, 1> scene = {
+      inference::ViewOf(candidate_engine_.Inputs(0))};
   candidate_engine_.session().Encode(scene, {&candidate_encoding_, 1});
   if (candidate_encoding_.probabilities.allFinite()) return absl::OkStatus();
   return absl::InternalError("the candidate's probabilities are not numbers");

@@ -58,7 +58,7 @@ std::vector<TargetQueue::Item> TargetQueue::TakeWhere(
 }
 
 std::vector<TargetQueue::Item> TargetQueue::TakeDead(TimePoint now) {
-  return TakeWhere([now](const PredictionCall& call) { return !call.Alive(now).ok(); });
+  return TakeWhere([now](const PredictionCall& call) { return !call.CheckWanted(now).ok(); });
 }
 
 std::vector<TargetQueue::Item> TargetQueue::TakeAll() {

@@ -16,13 +16,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr size_t kSha256Digits = 64;
-
-bool IsLowerHexadecimal(std::string_view text) {
-  return std::ranges::all_of(
-      text, [](char c) { return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f'); });
-}
-
 class FolderReader final : public VersionReader {
  public:
   absl::Status OpenFolder(const security::ModelVersionName& version, const fs::path& folder) {
@@ -112,7 +105,7 @@ std::vector<scene::FieldViolation> ValidateVersionFiles(
       violations.push_back(
           {field + ".size_bytes", absl::StrCat("must be from 1 to ", found->most_bytes)});
     }
-    if (file.sha256().size() != kSha256Digits || !IsLowerHexadecimal(file.sha256())) {
+    if (!files::IsSha256Hex(file.sha256())) {
       violations.push_back({field + ".sha256", "must be 64 lower-case hexadecimal digits"});
     }
   }

@@ -105,11 +105,11 @@ BenchModel WithPrecision(const BenchModel& model, inference::Precision precision
   return other;
 }
 
-std::span<const inference::SceneInput> Scenes(const std::string& preset) {
+std::span<const inference::SceneInputsView> Scenes(const std::string& preset) {
   static std::map<std::string, std::deque<scene::Raster>> rasters;
   static std::map<std::string, std::deque<scene::SceneVectors>> vectors;
-  static std::map<std::string, std::vector<inference::SceneInput>> scenes;
-  std::vector<inference::SceneInput>& found = scenes[preset];
+  static std::map<std::string, std::vector<inference::SceneInputsView>> scenes;
+  std::vector<inference::SceneInputsView>& found = scenes[preset];
   if (!found.empty()) return found;
   for (uint32_t i = 0; i < kLargestBatch; ++i) {
     const v1::ModelSpec& spec = StoredPreset(preset).manifest.spec();

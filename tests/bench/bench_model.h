@@ -50,16 +50,16 @@ BenchModel WithPrecision(const BenchModel& model, inference::Precision precision
 
 // Evaluates a model's backbone and p(y|s) for given scenes by another program.
 using PeerEncode = std::function<void()>;
-using MakePeer =
-    std::function<PeerEncode(const artifact::StoredModel&, std::span<const inference::SceneInput>)>;
+using MakePeer = std::function<PeerEncode(const artifact::StoredModel&,
+                                          std::span<const inference::SceneInputsView>)>;
 // Returns LibTorch's evaluation, on one thread, channels last, without gradients. For models
 // without scene vectors.
 PeerEncode LibTorchEncode(const artifact::StoredModel& model,
-                          std::span<const inference::SceneInput> scenes);
+                          std::span<const inference::SceneInputsView> scenes);
 
 // Returns kLargestBatch scenes for the preset: rasters as sparse as real ones, without motion; or
 // random vectors with the largest number of lane paths and agents.
-std::span<const inference::SceneInput> Scenes(const std::string& preset);
+std::span<const inference::SceneInputsView> Scenes(const std::string& preset);
 
 // Reports the time of one target if each iteration had `batch` targets.
 void CountTargets(benchmark::State& state, int batch);

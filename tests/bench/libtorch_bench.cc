@@ -33,7 +33,7 @@ learning::Networks MakeNetworks(const artifact::StoredModel& model) {
 }
 
 at::Tensor RasterBatch(const artifact::StoredModel& model,
-                       std::span<const inference::SceneInput> scenes) {
+                       std::span<const inference::SceneInputsView> scenes) {
   const artifact::GridSize size = artifact::RasterGrid(model.manifest.spec().raster());
   std::vector<at::Tensor> rasters;
   for (const auto& scene : scenes) {
@@ -92,7 +92,7 @@ double Difference(const std::string& preset, int batch, const at::Tensor& log_pr
   return largest;
 }
 
-at::Tensor MotionBatch(std::span<const inference::SceneInput> scenes) {
+at::Tensor MotionBatch(std::span<const inference::SceneInputsView> scenes) {
   const at::Tensor motions =
       at::empty({static_cast<int64_t>(scenes.size()), scene::kMotionInputs}, at::kFloat);
   for (size_t i = 0; i < scenes.size(); ++i) {
@@ -120,7 +120,7 @@ void Encode(benchmark::State& state, const std::string& preset, int batch) {
 }  // namespace
 
 PeerEncode LibTorchEncode(const artifact::StoredModel& model,
-                          std::span<const inference::SceneInput> scenes) {
+                          std::span<const inference::SceneInputsView> scenes) {
   const auto networks = std::make_shared<learning::Networks>(MakeNetworks(model));
   return [networks, rasters = RasterBatch(model, scenes), motions = MotionBatch(scenes)] {
     at::NoGradGuard no_grad;

@@ -147,7 +147,7 @@ void Pipeline::ReadScenes(size_t begin, size_t count) {
   for (size_t i = 0; i < count; ++i) {
     scene::SceneInputs& inputs = engine_.Inputs(i);
     serving::ReadScene(*work_[begin + i].target, engine_.reader(), &inputs);
-    scenes_[i] = inference::InputOf(inputs);
+    scenes_[i] = inference::ViewOf(inputs);
   }
 }
 
@@ -173,7 +173,7 @@ void Pipeline::ProjectGrids() {
 void Pipeline::EvaluateVectors() {
   if (networks_.backbone) ProjectGrids();
   vectors_.clear();
-  for (const inference::SceneInput& scene : scenes_) vectors_.push_back(scene.vectors);
+  for (const inference::SceneInputsView& scene : scenes_) vectors_.push_back(scene.vectors);
   networks_.scene->Evaluate(vectors_, networks_.backbone ? features_.data() : nullptr,
                             &vector_features_);
 }

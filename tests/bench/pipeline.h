@@ -56,7 +56,7 @@ class Pipeline {
   const std::vector<std::string>& responses() const { return responses_; }  // serialised
   // Return the results of the last batch.
   const std::vector<inference::SceneEncoding>& encodings() const { return encodings_; }
-  const std::vector<inference::SceneInput>& scenes() const { return scenes_; }
+  const std::vector<inference::SceneInputsView>& scenes() const { return scenes_; }
 
  private:
   struct Work {
@@ -99,7 +99,7 @@ class Pipeline {
   std::vector<std::vector<serving::TargetAnswer>> answers_;  // of each request
   std::vector<std::vector<serving::JointAnswer>> joint_;     // of each request
   std::vector<Work> work_;                                   // of all requests
-  std::vector<inference::SceneInput> scenes_;
+  std::vector<inference::SceneInputsView> scenes_;
   std::vector<float> grids_;
   std::vector<float> features_;  // [targets, F']
   std::vector<const scene::SceneVectors*> vectors_;

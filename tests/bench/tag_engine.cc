@@ -47,12 +47,12 @@ void Ask(const Work& work, std::atomic<size_t>& next, const std::atomic<bool>& s
     const size_t begin = next.fetch_add(kBatch) % work.examples.size();
     const auto batch =
         std::span(work.examples).subspan(begin, std::min(kBatch, work.examples.size() - begin));
-    std::vector<inference::SceneInput> scenes;
+    std::vector<inference::SceneInputsView> scenes;
     for (size_t i = 0; i < batch.size(); ++i) {
       const auto recording = static_cast<size_t>(batch[i].recording);
       reader.Read(work.recordings[recording], work.maps[recording], batch[i].time,
                   batch[i].target_id, batch[i].X_WT, &inputs[i]);
-      scenes.push_back(inference::InputOf(inputs[i]));
+      scenes.push_back(inference::ViewOf(inputs[i]));
     }
     session->Encode(scenes, std::span(encodings).first(batch.size()));
     for (size_t i = 0; i < batch.size(); ++i) {

@@ -40,7 +40,7 @@ struct Input {
   std::vector<float> values;
 };
 
-void AddRasterInputs(const v1::ModelSpec& spec, std::span<const inference::SceneInput> scenes,
+void AddRasterInputs(const v1::ModelSpec& spec, std::span<const inference::SceneInputsView> scenes,
                      std::vector<Input>* inputs) {
   const auto N = static_cast<int64_t>(scenes.size());
   if (spec.has_raster()) {
@@ -61,7 +61,7 @@ void AddRasterInputs(const v1::ModelSpec& spec, std::span<const inference::Scene
 //   set: scene::SceneVectors's member, scene::LanePathInputs or scene::AgentInputs
 template <typename Set>
 void AddSetInputs(const std::string& name, const std::string& mask_name, int64_t size,
-                  std::span<const inference::SceneInput> scenes, Set scene::SceneVectors::*set,
+                  std::span<const inference::SceneInputsView> scenes, Set scene::SceneVectors::*set,
                   std::vector<Input>* inputs) {
   const auto N = static_cast<int64_t>(scenes.size());
   const auto numbers = static_cast<int64_t>(Set{}.values.size()) / size;
@@ -76,7 +76,7 @@ void AddSetInputs(const std::string& name, const std::string& mask_name, int64_t
   inputs->push_back(std::move(mask));
 }
 
-void AddVectorInputs(const v1::ModelSpec& spec, std::span<const inference::SceneInput> scenes,
+void AddVectorInputs(const v1::ModelSpec& spec, std::span<const inference::SceneInputsView> scenes,
                      std::vector<Input>* inputs) {
   Input history{"history", {static_cast<int64_t>(scenes.size()), scene::kHistoryInputs}, {}};
   for (const auto& scene : scenes) {
@@ -112,7 +112,8 @@ std::vector<inference::Trajectory> GenericTrajectories(const inference::ActionMo
 class LaneComparison {
  public:
   //   scenes: must outlive this;  encodings: of the scenes, for their references
-  LaneComparison(const inference::ActionModel& model, std::span<const inference::SceneInput> scenes,
+  LaneComparison(const inference::ActionModel& model,
+                 std::span<const inference::SceneInputsView> scenes,
                  std::span<const inference::SceneEncoding> encodings)
       : scenes_(scenes),
         waypoints_(
@@ -167,7 +168,7 @@ class LaneComparison {
     return points;
   }
 
-  std::span<const inference::SceneInput> scenes_;
+  std::span<const inference::SceneInputsView> scenes_;
   scene::GeometryWaypoints waypoints_;
   int inputs_version_;
   size_t actions_;

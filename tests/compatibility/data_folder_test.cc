@@ -68,7 +68,7 @@ std::vector<serving::TargetAnswer> Encode(const inference::ActionModel& model,
   for (size_t i = 0; i < plan.targets.size(); ++i) {
     scene::SceneInputs inputs = reader.NewInputs();
     serving::ReadScene(plan.targets[i], reader, &inputs);
-    const inference::SceneInput input = inference::InputOf(inputs);
+    const inference::SceneInputsView input = inference::ViewOf(inputs);
     session->Encode({&input, 1}, {&answers[i].encoding, 1});
   }
   return answers;

@@ -203,9 +203,9 @@ void ExpectJoint(const v1::Scenario& scenario, const v1::ScenarioPrediction& ite
 
 std::vector<inference::SceneEncoding> Encode(const std::vector<scene::SceneInputs>& inputs,
                                              inference::InferenceSession& session) {
-  std::vector<inference::SceneInput> views;
+  std::vector<inference::SceneInputsView> views;
   views.reserve(inputs.size());
-  for (const auto& each : inputs) views.push_back(inference::InputOf(each));
+  for (const auto& each : inputs) views.push_back(inference::ViewOf(each));
   std::vector<inference::SceneEncoding> encodings(inputs.size());
   session.Encode(views, encodings);
   return encodings;

@@ -90,7 +90,7 @@ class AnchorSteps final : public EpochSteps {
 
   absl::Status BeginEpoch(const EpochStart& start) override { return batches_.BeginEpoch(start); }
 
-  absl::StatusOr<BatchLoss> Next(const Moment&, TermMeans* means) override {
+  absl::StatusOr<BatchLoss> Next(const StepContext&, TermMeans* means) override {
     const absl::StatusOr<SceneBatches::LabelledBatch> next = batches_.Next();
     if (!next.ok()) return next.status();
     const SceneLoader::Batch& batch = next->batch;
@@ -168,7 +168,7 @@ absl::StatusOr<artifact::StoredBaselines> AnchorLearner::Learn() {
     absl::Status status = Train(each, loop_);
     if (!status.ok()) return status;
     loop_.progress().BeginPhase(kCalibrations[each.networks.regresses() ? 1 : 0]);
-    status = Calibrate(CountExamples(model_.settings.model(), model_.data).Calibrated(), each,
+    status = Calibrate(CountRunExamples(model_.settings.model(), model_.data).Calibrated(), each,
                        StepsOf(loop_.progress()));
     if (!status.ok()) return status;
   }
@@ -183,7 +183,7 @@ artifact::StoredBaselines AnchorLearner::Export() const {
 LaterPhases AnchorLearner::Rehearsed() const {
   LaterPhases phases;
   const CalibrationExamples calibrated =
-      CountExamples(model_.settings.model(), model_.data).Calibrated();
+      CountRunExamples(model_.settings.model(), model_.data).Calibrated();
   for (const bool regresses : {false, true}) {
     phases.learned.push_back({kPhases[regresses ? 1 : 0],
                               model_.settings.optimization().batch_size(),

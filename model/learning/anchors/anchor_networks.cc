@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "model/artifact/anchor_baselines.h"
+#include "model/artifact/model_spec.h"
 #include "model/learning/trajectory_clusters.h"
 
 namespace maneuver::learning {
@@ -172,8 +173,7 @@ std::vector<at::Tensor> AnchorNetworks::Parameters() const {
 
 void AnchorNetworks::SetTemperature(double temperature) {
   at::NoGradGuard no_grad;
-  const std::string last =
-      "action_predictor." + std::to_string(spec().action_predictor().hidden_size());
+  const std::string last = artifact::LastLayer("action_predictor", spec().action_predictor());
   scenes_[last + ".weight"].div_(temperature);
   scenes_[last + ".bias"].div_(temperature);
 }

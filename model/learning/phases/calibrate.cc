@@ -7,7 +7,7 @@ namespace maneuver::learning {
 absl::Status Calibrate(LearningState& state, EpochLoop& loop) {
   loop.progress().BeginPhase(kCalibratePhase);
   loop.progress().BeginEpoch(1);
-  return CalibrateBy(CountExamples(state.settings.model(), state.data).Calibrated(), state,
+  return CalibrateBy(CountRunExamples(state.settings.model(), state.data).Calibrated(), state,
                      StepsOf(loop.progress()));
 }
 

@@ -12,7 +12,7 @@ absl::Status TrainCovariance(LearningState& state, EpochLoop& loop) {
   phase.name = kCovariancePhase;
   phase.epochs = state.settings.optimization().covariance_epochs();
   phase.parts = {{Networks::Part::kSceneCovariance, kLearningRate}};
-  phase.loss = [&state](const SceneBatch& batch, const SceneTensors& inputs, const Moment&,
+  phase.loss = [&state](const SceneBatch& batch, const SceneTensors& inputs, const StepContext&,
                         TermMeans*) {
     return SceneCovarianceLoss(state.networks, batch.scenes, batch.trajectories,
                                inputs.references.to(state.networks.device()))

@@ -62,7 +62,7 @@ struct EpochLoop::Position {
 
 struct EpochLoop::Step {
   int64_t number = 0;  // in the phase, from 0
-  Moment moment;
+  StepContext context;
   double rate_share = 1.0;
 };
 
@@ -177,7 +177,7 @@ absl::Status EpochLoop::Run(const PhasePlan& plan, const PhaseState& state, Epoc
 
 absl::Status EpochLoop::TakeStep(const PhasePlan& plan, const PhaseState& state, const Step& step,
                                  EpochSteps& steps, TermMeans* means) {
-  const absl::StatusOr<BatchLoss> loss = steps.Next(step.moment, means);
+  const absl::StatusOr<BatchLoss> loss = steps.Next(step.context, means);
   if (!loss.ok()) return loss.status();
   means->Add("loss", loss->value, loss->examples);
   const absl::Status finite = CheckFinite(plan.name, loss->value);
@@ -197,7 +197,7 @@ absl::Status EpochLoop::TakeStepTogether(const PhasePlan& plan, const PhaseState
   std::chrono::nanoseconds waited{0};
   const auto loss_of = [&](int micro_batch) -> absl::StatusOr<BatchLoss> {
     random.Seed(settings_.seed(), plan.name, step.number, micro_batch);
-    absl::StatusOr<BatchLoss> loss = steps.Next(step.moment, &own);
+    absl::StatusOr<BatchLoss> loss = steps.Next(step.context, &own);
     if (!loss.ok() || loss->examples == 0) return loss;
     own.Add("loss", loss->value, loss->examples);
     note.set_examples(note.examples() + loss->examples);

@@ -28,7 +28,7 @@
 namespace maneuver::learning {
 
 // The position of a step in its phase.
-struct Moment {
+struct StepContext {
   int epoch = 0;  // epochs before this one
   // Factor of the weights of the divergences: rises from 0 to 1 over divergence_warm_up.
   double divergence_share = 1.0;
@@ -53,7 +53,7 @@ class EpochSteps {
   virtual absl::Status BeginEpoch(const EpochStart& start) = 0;
   // Computes the loss of the next batch, or micro-batch, and adds the terms of its bound to
   // `means`.
-  virtual absl::StatusOr<BatchLoss> Next(const Moment& moment, TermMeans* means) = 0;
+  virtual absl::StatusOr<BatchLoss> Next(const StepContext& context, TermMeans* means) = 0;
   // Adds the terms on held-out examples to the report, which already has those of training. With
   // nullptr, only ends the epoch.
   virtual void EndEpoch(v1::EpochReport* report) = 0;

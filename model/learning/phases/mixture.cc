@@ -38,11 +38,11 @@ at::Tensor ClusteredActions(const TrajectoryBatch& batch, const LearningState& s
   return batch.labels.defined() ? at::where(batch.labels >= 0, batch.labels, actions) : actions;
 }
 
-at::Tensor MixtureLoss(const TrajectoryBatch& batch, const Moment& moment, int epochs,
+at::Tensor MixtureLoss(const TrajectoryBatch& batch, const StepContext& context, int epochs,
                        LearningState& state, TermMeans* means) {
   const v1::OptimizationSettings& optimization = state.settings.optimization();
   const bool clustered =
-      state.centers.defined() && moment.epoch < optimization.clustered_share() * epochs;
+      state.centers.defined() && context.epoch < optimization.clustered_share() * epochs;
   const at::Tensor labels = clustered ? ClusteredActions(batch, state) : batch.labels;
   BaseModel model = ApplyBase(state.networks, {batch.trajectories, {}, labels}, state.NoiseDrawn());
   const bool by_bayes = optimization.weight_concentration() > 0.0;
@@ -51,7 +51,7 @@ at::Tensor MixtureLoss(const TrajectoryBatch& batch, const Moment& moment, int e
   if (by_bayes) FollowWeightCounts(terms.log_responsibilities.exp(), state);
   means->Add(terms);
   BoundWeights weights;
-  weights.action = weights.latent_divergence = moment.divergence_share;
+  weights.action = weights.latent_divergence = context.divergence_share;
   const at::Tensor loss = Loss(terms, weights);
   const double cluster_weight = optimization.cluster_weight();
   if (cluster_weight <= 0.0 || !clustered) return loss;
@@ -64,9 +64,9 @@ TrajectoryPhase MixturePhase(const std::string& name, int epochs, LearningState&
   phase.epochs = epochs;
   phase.parts = {Networks::Part::kTrajectoryEncoder, Networks::Part::kDecoder,
                  Networks::Part::kMixture};
-  phase.loss = [&state, epochs](const TrajectoryBatch& batch, const Moment& moment,
+  phase.loss = [&state, epochs](const TrajectoryBatch& batch, const StepContext& context,
                                 TermMeans* means) {
-    return MixtureLoss(batch, moment, epochs, state, means);
+    return MixtureLoss(batch, context, epochs, state, means);
   };
   phase.has_mixture = true;
   return phase;

@@ -13,7 +13,7 @@ absl::Status Pretrain(LearningState& state, EpochLoop& loop) {
   phase.name = kPretrainPhase;
   phase.epochs = state.settings.optimization().pretraining_epochs();
   phase.parts = {Networks::Part::kTrajectoryEncoder, Networks::Part::kDecoder};
-  phase.loss = [&](const TrajectoryBatch& batch, const Moment& moment, TermMeans* means) {
+  phase.loss = [&](const TrajectoryBatch& batch, const StepContext& context, TermMeans* means) {
     const at::Tensor& x = batch.trajectories;
     const Gaussian q_z = state.networks.EncodeTrajectories(x);
     const at::Tensor z = Sample(q_z, state.Noise(q_z.mean.sizes()));
@@ -22,7 +22,7 @@ absl::Status Pretrain(LearningState& state, EpochLoop& loop) {
     const at::Tensor divergence = Divergence(q_z, prior);
     means->Add("reconstruction", reconstruction, x.size(0));
     means->Add("latent_divergence", divergence, x.size(0));
-    return (moment.divergence_share * divergence - reconstruction).mean();
+    return (context.divergence_share * divergence - reconstruction).mean();
   };
   return LearnFromTrajectories(phase, state, loop);
 }

@@ -19,7 +19,7 @@ class SceneSteps final : public EpochSteps {
 
   absl::Status BeginEpoch(const EpochStart& start) override { return batches_.BeginEpoch(start); }
 
-  absl::StatusOr<BatchLoss> Next(const Moment& moment, TermMeans* means) override {
+  absl::StatusOr<BatchLoss> Next(const StepContext& context, TermMeans* means) override {
     const absl::StatusOr<SceneBatches::LabelledBatch> next = batches_.Next();
     if (!next.ok()) return next.status();
     const SceneLoader::Batch& batch = next->batch;
@@ -33,7 +33,7 @@ class SceneSteps final : public EpochSteps {
       at::NoGradGuard no_grad;
       scenes.scenes = state_.networks.EncodeScenes(batch.scenes, {});
     }
-    return BatchLoss{phase_.loss(scenes, batch.scenes, moment, means), scenes.trajectories.size(0),
+    return BatchLoss{phase_.loss(scenes, batch.scenes, context, means), scenes.trajectories.size(0),
                      batch.waited, next->share};
   }
 
@@ -80,12 +80,12 @@ absl::Status MaximizeBound(const std::string& name, int epochs, v1::Objective ob
                            Learning learning, const std::vector<LearningPart>& parts,
                            LearningState& state, EpochLoop& loop) {
   const v1::OptimizationSettings& optimization = state.settings.optimization();
-  const auto loss = [&](const SceneBatch& batch, const SceneTensors&, const Moment& moment,
+  const auto loss = [&](const SceneBatch& batch, const SceneTensors&, const StepContext& context,
                         TermMeans* means) {
     const BoundTerms terms =
         SceneBound(state.networks, objective, learning, optimization, batch, state.NoiseDrawn());
     means->Add(terms);
-    return Loss(terms, Weights(optimization, moment.divergence_share));
+    return Loss(terms, Weights(optimization, context.divergence_share));
   };
   const auto validate = [&](v1::EpochReport* report) {
     ValidateScenes(state.networks, state.validation, objective, optimization, state.threads,

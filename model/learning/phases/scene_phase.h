@@ -29,7 +29,7 @@ struct ScenePhase {
   // Returns the loss of a batch, and adds its terms to `means`.
   //   inputs: from which the features of the batch were computed
   std::function<at::Tensor(const SceneBatch& batch, const SceneTensors& inputs,
-                           const Moment& moment, TermMeans* means)>
+                           const StepContext& context, TermMeans* means)>
       loss;
   // Adds the results of held-out examples after an epoch.
   std::function<void(v1::EpochReport* report)> validate;

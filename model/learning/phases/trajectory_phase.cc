@@ -36,13 +36,13 @@ class TrajectorySteps final : public EpochSteps {
     return absl::OkStatus();
   }
 
-  absl::StatusOr<BatchLoss> Next(const Moment& moment, TermMeans* means) override {
+  absl::StatusOr<BatchLoss> Next(const StepContext& context, TermMeans* means) override {
     const size_t begin = static_cast<size_t>(step_++ * batch_size_);
     const std::span<const int64_t> batch =
         order_.subspan(begin, std::min(static_cast<size_t>(batch_size_), order_.size() - begin));
     const at::Tensor rows =
         at::tensor(at::ArrayRef<int64_t>(batch.data(), batch.size()), at::kLong);
-    return BatchLoss{phase_.loss(Vary(rows), moment, means), rows.size(0)};
+    return BatchLoss{phase_.loss(Vary(rows), context, means), rows.size(0)};
   }
 
   void EndEpoch(v1::EpochReport* report) override {

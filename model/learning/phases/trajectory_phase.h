@@ -28,7 +28,8 @@ struct TrajectoryPhase {
   // Parts that learn, all at the settings' learning rate.
   std::vector<Networks::Part> parts;
   // Returns the loss of a batch, and adds its terms to `means`.
-  std::function<at::Tensor(const TrajectoryBatch& batch, const Moment& moment, TermMeans* means)>
+  std::function<at::Tensor(const TrajectoryBatch& batch, const StepContext& context,
+                           TermMeans* means)>
       loss;
   // Whether the model has a mixture by now. Held-out trajectories are then validated with it.
   bool has_mixture = false;

@@ -7,13 +7,18 @@
 
 #include <CLI/CLI.hpp>
 #include <cstdlib>
+#include <exception>
 #include <filesystem>
+#include <functional>
 #include <iostream>
+#include <new>
 #include <string>
 #include <system_error>
 
+#include "absl/status/status.h"
 #include "model/kernels/kernel_choice.h"
 #include "model/learning/trainer.h"
+#include "model/learning/training_failure.h"
 #include "server/jobs/trainer/cross_validate_command.h"
 #include "server/jobs/trainer/evaluate_command.h"
 #include "server/jobs/trainer/match_actions_command.h"
@@ -83,6 +88,17 @@ void KeepFreedMemory() {
   mallopt(M_TOP_PAD, 16 << 20);
 }
 
+// Returns the exit status of a command that may throw, as where memory is short.
+int CatchingExceptions(const std::function<int()>& command) {
+  try {
+    return command();
+  } catch (const std::bad_alloc&) {
+    return maneuver::trainer::ExitStatus(maneuver::learning::OutOfMemory());
+  } catch (const std::exception& error) {
+    return maneuver::trainer::ExitStatus(absl::InternalError(error.what()));
+  }
+}
+
 // Returns the exit status; another one if what was printed did not get out.
 int Finish(int status) {
   if (std::cout.flush() || status != 0) return status;
@@ -137,10 +153,12 @@ int main(int argc, char** argv) {
   }
   maneuver::trainer::InstallStopSignals();
   if (train.chosen() || cross_validate.chosen()) maneuver::learning::FlushDenormals();
-  if (train.chosen()) return Finish(train.Run({argv, argv + argc}));
-  if (match.chosen()) return Finish(match.Run());
-  if (cross_validate.chosen()) return Finish(cross_validate.Run());
-  if (recalibrate.chosen()) return Finish(recalibrate.Run());
-  if (tag.chosen()) return Finish(tag.Run());
-  return Finish(prune.chosen() ? prune.Run() : evaluate.Run());
+  return Finish(CatchingExceptions([&] {
+    if (train.chosen()) return train.Run({argv, argv + argc});
+    if (match.chosen()) return match.Run();
+    if (cross_validate.chosen()) return cross_validate.Run();
+    if (recalibrate.chosen()) return recalibrate.Run();
+    if (tag.chosen()) return tag.Run();
+    return prune.chosen() ? prune.Run() : evaluate.Run();
+  }));
 }

@@ -102,8 +102,8 @@ TEST(FadedRollOutTest, AccelerationAndTurnRateFadeFromTheirPresentValues) {
   }
 }
 
-TEST(EstimateMotionTest, ReadsVelocityAccelerationAndTurnRate) {
-  const Motion motion = EstimateMotion(Turning(9.0, 15.0), 10.0);
+TEST(MotionAtTest, ReadsVelocityAccelerationAndTurnRate) {
+  const Motion motion = MotionAt(Turning(9.0, 15.0), 10.0);
   EXPECT_NEAR(motion.velocity_x, 5.0, 1e-5);
   EXPECT_NEAR(motion.velocity_y, 0.0, 1e-5);
   EXPECT_NEAR(motion.acceleration, 2.0, 1e-5);
@@ -111,11 +111,11 @@ TEST(EstimateMotionTest, ReadsVelocityAccelerationAndTurnRate) {
   EXPECT_NEAR(motion.speed(), 5.0, 1e-5);
 }
 
-TEST(EstimateMotionTest, UnwrapsHeadingsThroughPi) {
-  EXPECT_NEAR(EstimateMotion(Turning(9.0, 15.0), 10.5).turn_rate, 0.3, 1e-5);
+TEST(MotionAtTest, UnwrapsHeadingsThroughPi) {
+  EXPECT_NEAR(MotionAt(Turning(9.0, 15.0), 10.5).turn_rate, 0.3, 1e-5);
 }
 
-TEST(EstimateMotionTest, LooksNeitherAheadNorFurtherBackThanASecond) {
+TEST(MotionAtTest, LooksNeitherAheadNorFurtherBackThanASecond) {
   v1::Agent agent = Turning(5.0, 15.0);
   for (v1::AgentState& state : *agent.mutable_states()) {
     if (state.time() < 8.95 || state.time() > 10.05) {
@@ -123,13 +123,13 @@ TEST(EstimateMotionTest, LooksNeitherAheadNorFurtherBackThanASecond) {
       state.set_velocity_x(100.0F);
     }
   }
-  const Motion motion = EstimateMotion(agent, 10.0);
+  const Motion motion = MotionAt(agent, 10.0);
   EXPECT_NEAR(motion.acceleration, 2.0, 1e-5);
   EXPECT_NEAR(motion.turn_rate, 0.3, 1e-5);
 }
 
-TEST(EstimateMotionTest, ASingleStateHasNoAccelerationOrTurnRate) {
-  const Motion motion = EstimateMotion(Turning(10.0, 15.0), 10.0);
+TEST(MotionAtTest, ASingleStateHasNoAccelerationOrTurnRate) {
+  const Motion motion = MotionAt(Turning(10.0, 15.0), 10.0);
   EXPECT_NEAR(motion.velocity_x, 5.0, 1e-5);
   EXPECT_EQ(motion.acceleration, 0.0);
   EXPECT_EQ(motion.turn_rate, 0.0);

@@ -475,6 +475,28 @@ TEST(CrossValidationSmallPartsTest, DoesNotComparePartsWithFewExamples) {
   EXPECT_EQ(report.sets(0).overall().comparisons_size(), 0);
 }
 
+// Ten thousand groups; without a bound, the draws' memory would grow with them.
+TEST(CrossValidationManyGroupsTest, DrawsGroupsTogetherAndKeepsTheInterval) {
+  constexpr int kMany = 10'000;
+  v1::CrossValidationPart part;
+  part.mutable_plan()->set_folds(1);
+  part.mutable_plan()->add_seeds(1);
+  v1::FoldRun& run = *part.add_runs();
+  run.set_seed(1);
+  *run.mutable_held_out() = EmptySet();
+  for (int i = 0; i < kMany; ++i) {
+    part.mutable_plan()->add_recordings()->set_group(i);
+    AddExample(*run.mutable_held_out(), i, 2.0 + 0.5 * NormalOf(i), 5.0, 5.0, 0);
+  }
+  const auto report = MakeCrossValidationReport(part, {.resamples = 400});
+  EXPECT_EQ(report.sets(0).groups(), kMany);
+  EXPECT_EQ(report.sets(0).overall().groups(), 4096);
+  const v1::Estimate& ade = report.sets(0).overall().metrics().at("ade_1");
+  const double half = 1.96 * 0.5 / std::sqrt(kMany);
+  EXPECT_NEAR(ade.upper() - ade.value(), half, 0.2 * half);
+  EXPECT_NEAR(ade.value() - ade.lower(), half, 0.2 * half);
+}
+
 // The models of all folds measure a test dataset; its recordings count once.
 TEST(CrossValidationTestDatasetTest, AllModelsMeasureEveryExample) {
   v1::CrossValidationPart part = Part({{1, 0}, {1, 1}});

@@ -40,7 +40,7 @@ class FakeSession final : public inference::InferenceSession {
   FakeSession(bool relative, const Eigen::Vector3d& probabilities)
       : relative_(relative), probabilities_(probabilities) {}
 
-  void Encode(std::span<const inference::SceneInput> scenes,
+  void Encode(std::span<const inference::SceneInputsView> scenes,
               std::span<inference::SceneEncoding> encodings) override {
     for (size_t i = 0; i < scenes.size(); ++i) {
       encodings[i].probabilities = probabilities_;

@@ -20,6 +20,17 @@ TEST(Sha256Test, AgreesWithPublishedVectors) {
   EXPECT_EQ(Sha256Hex(std::string(1'000'000, 'a')), kMillionA);
 }
 
+TEST(Sha256Test, KnowsItsOwnForm) {
+  const std::string digest = Sha256Hex("abc");
+  EXPECT_TRUE(IsSha256Hex(digest));
+  EXPECT_FALSE(IsSha256Hex(""));
+  EXPECT_FALSE(IsSha256Hex(digest.substr(1)));
+  EXPECT_FALSE(IsSha256Hex(digest + "0"));
+  for (const char wrong : {'A', 'g', ' ', '/', ':', '`'}) {
+    EXPECT_FALSE(IsSha256Hex(digest.substr(1) + wrong)) << wrong;
+  }
+}
+
 TEST(Sha256Test, UpdatingByPiecesGivesTheDigestOfTheWhole) {
   Sha256 sha256;
   sha256.Update("a");

@@ -76,7 +76,7 @@ class ActionModelTest : public testing::Test {
   }
 
   std::vector<SceneEncoding> Encode(InferenceSession* session, const Rasters& rasters) {
-    std::vector<SceneInput> scenes;
+    std::vector<SceneInputsView> scenes;
     std::deque<scene::Raster> drawn;
     for (const auto& raster : rasters) {
       drawn.push_back(scene::RasterOf(SmallSpec().raster(), raster));
@@ -308,7 +308,7 @@ TEST_F(ActionModelTest, MeanTrajectoriesOfARelativeModelHaveTheBitsOfTheirDistri
   scene::SceneVectors vectors;
   vectors.motion.speed = 10.0;
   vectors.history.fill(0.5f);
-  const SceneInput scene{.raster = nullptr, .motion = {}, .vectors = &vectors};
+  const SceneInputsView scene{.raster = nullptr, .motion = {}, .vectors = &vectors};
   SceneEncoding encoding;
   session->Encode({&scene, 1}, {&encoding, 1});
   for (const LatentSource source : {LatentSource::kPosterior, LatentSource::kPrior}) {

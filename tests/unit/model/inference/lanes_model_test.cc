@@ -125,7 +125,7 @@ class LanesModelTest : public testing::TestWithParam<Case> {
       const auto seed = static_cast<uint32_t>(s + 1);
       vectors_.push_back(RandomVectors(seed, artifact::ReadsLanePaths(spec()) ? s : 0,
                                        artifact::ReadsAgents(spec()) ? 2 * s : 0));
-      SceneInput& input = inputs_.emplace_back();
+      SceneInputsView& input = inputs_.emplace_back();
       input.vectors = &vectors_.back();
       std::vector<double> raster_features;
       if (spec().has_raster()) {
@@ -194,7 +194,7 @@ class LanesModelTest : public testing::TestWithParam<Case> {
   std::unique_ptr<InferenceSession> session_;
   std::deque<scene::SceneVectors> vectors_;
   std::deque<scene::Raster> rasters_;
-  std::vector<SceneInput> inputs_;
+  std::vector<SceneInputsView> inputs_;
   std::vector<ReferenceModel::Scene> expected_;
   std::vector<SceneEncoding> encodings_;
 };
@@ -260,7 +260,7 @@ TEST_P(LanesModelTest, DescribesThePriorWithTheReferenceAndWithoutTheResidual) {
 TEST_P(LanesModelTest, GenericActionsOfStraightDrivingFollowItsReference) {
   for (const double speed : {0.0, 12.0}) {
     ReferenceModel::Scene scene;
-    scene.features.assign(static_cast<size_t>(artifact::SceneFeatures(spec())), 0.0);
+    scene.features.assign(static_cast<size_t>(artifact::SceneFeatureCount(spec())), 0.0);
     scene.speed = speed;
     for (const double time : artifact::WaypointTimes(spec().trajectory())) {
       scene.reference.push_back(artifact::HasReference(spec()) ? speed * time : 0.0);
@@ -330,7 +330,7 @@ TEST_P(LanesModelTest, AnswersHaveTheSameBitsAloneAndInAnyBatch) {
   for (int round = 0; round < 10; ++round) {
     std::vector<size_t> order;
     for (size_t i = 0; i < 1 + random() % 20; ++i) order.push_back(random() % kScenes);
-    std::vector<SceneInput> batch;
+    std::vector<SceneInputsView> batch;
     for (const size_t s : order) batch.push_back(inputs_[s]);
     std::vector<SceneEncoding> together(batch.size());
     session_->Encode(batch, together);
@@ -353,7 +353,7 @@ TEST_P(LanesModelTest, TheOrderOfLanePathsAndOfAgentsDoesNotMatter) {
   std::rotate(paths, paths + 2 * scene::kLanePathInputs, swapped.paths.values.end());
   const auto agents = swapped.agents.values.begin();
   std::rotate(agents, agents + 5 * scene::kAgentInputs, swapped.agents.values.end());
-  SceneInput input = inputs_[6];
+  SceneInputsView input = inputs_[6];
   input.vectors = &swapped;
   std::vector<SceneEncoding> encoding(1);
   session_->Encode({&input, 1}, encoding);

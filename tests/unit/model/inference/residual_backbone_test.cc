@@ -97,7 +97,7 @@ class ResidualBackboneTest : public testing::TestWithParam<Network> {
 
   std::vector<SceneEncoding> Encode(InferenceSession* session,
                                     const std::vector<std::vector<uint8_t>>& rasters) const {
-    std::vector<SceneInput> scenes;
+    std::vector<SceneInputsView> scenes;
     std::deque<scene::Raster> drawn;
     for (const auto& raster : rasters) {
       drawn.push_back(scene::RasterOf(spec_.raster(), raster));

@@ -344,7 +344,7 @@ TEST_F(BaselinesTest, TheEngineAgreesWithLibTorch) {
     for (int64_t i = 0; i < 5; ++i) {
       const size_t bytes = scene::RasterBytes(raster);
       const scene::Raster drawn = scene::RasterOf(raster, {rasters[i].data_ptr<uint8_t>(), bytes});
-      inference::SceneInput scene{&drawn, {}};
+      inference::SceneInputsView scene{&drawn, {}};
       std::copy_n(motions[i].data_ptr<float>(), scene.motion.size(), scene.motion.begin());
       inference::SceneEncoding encoding;
       session->Encode({&scene, 1}, {&encoding, 1});
@@ -398,7 +398,7 @@ TEST(VectorBaselinesTest, TheEngineAgreesWithLibTorch) {
             data.validation.recordings[static_cast<size_t>(example.recording)];
         reader.Read(recording, scene::RoadMap::Over(recording.map_features()), example.time,
                     example.target_id, example.X_WT, &inputs);
-        const inference::SceneInput scene = inference::InputOf(inputs);
+        const inference::SceneInputsView scene = inference::ViewOf(inputs);
         inference::SceneEncoding encoding;
         session->Encode({&scene, 1}, {&encoding, 1});
         ExpectAgreement(expected, i, references[i], encoding,

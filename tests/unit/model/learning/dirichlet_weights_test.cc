@@ -77,7 +77,7 @@ TEST(DirichletWeightsTest, ASwitchedOffActionHasNoProbabilityAndNoGradient) {
   at::Generator generator = MakeGenerator(1);
   Networks networks(settings.model(), at::kCPU, generator);
   networks.SwitchOff(std::vector<int>{1});
-  const int64_t width = artifact::SceneFeatures(settings.model());
+  const int64_t width = artifact::SceneFeatureCount(settings.model());
   const at::Tensor log_p = networks.PredictActions({at::rand({3, width}, generator)});
   EXPECT_EQ(log_p.exp().select(1, 1).max().item<double>(), 0.0);
   EXPECT_TRUE(log_p.isfinite().all().item<bool>());

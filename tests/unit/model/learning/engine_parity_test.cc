@@ -142,7 +142,7 @@ TEST_P(EngineParityTest, TheEngineAgreesWithLibTorch) {
     reader.Read(recording, scene::RoadMap::Over(recording.map_features()), example.time,
                 example.target_id, example.X_WT, &inputs);
     inference::SceneEncoding encoding;
-    const inference::SceneInput scene = inference::InputOf(inputs);
+    const inference::SceneInputsView scene = inference::ViewOf(inputs);
     session->Encode({&scene, 1}, {&encoding, 1});
     ExpectClose(features.features[i], encoding.features.cast<double>(), "features");
     ExpectClose(log_p_y[i].exp(), encoding.probabilities, "p(y|s)");

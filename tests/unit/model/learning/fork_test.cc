@@ -84,7 +84,7 @@ class ForkTest : public testing::TestWithParam<v1::Objective> {
     scene::Rasterizer(settings.model().raster())
         .Rasterize(scenario, scene::RoadMap::Over(scenario.map_features()), example.time, 1,
                    example.X_WT, {}, &raster);
-    const inference::SceneInput scene{&raster, example.motion};
+    const inference::SceneInputsView scene{&raster, example.motion};
     inference::SceneEncoding encoding;
     session_->Encode({&scene, 1}, {&encoding, 1});
     const std::vector<int> actions = {0, 1, 2, 3};

@@ -220,6 +220,8 @@ TEST_P(RefusedRecalibrationTest, TooFewExamplesLeaveNothingBehind) {
   Learn();
   const auto few = Recalibrate(Run("learned"), {Dataset("b", 4)});
   EXPECT_EQ(FailureOf(few.status()), TrainingFailure::kNotEnoughExamples) << few.status();
+  EXPECT_THAT(few.status().message(), testing::HasSubstr("Collect more outcomes"));
+  EXPECT_THAT(few.status().message(), testing::Not(testing::HasSubstr("model.actions")));
   EXPECT_FALSE(fs::exists(folder_ / "mended"));
   const auto none = Recalibrate(Run("nowhere"), {folder_ / "b"});
   EXPECT_TRUE(absl::IsNotFound(none.status())) << none.status();

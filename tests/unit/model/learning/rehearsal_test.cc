@@ -45,7 +45,7 @@ class SlowSteps final : public EpochSteps {
     Pass(10.0);
     return absl::OkStatus();
   }
-  absl::StatusOr<BatchLoss> Next(const Moment&, TermMeans*) override {
+  absl::StatusOr<BatchLoss> Next(const StepContext&, TermMeans*) override {
     Pass(2.0);
     return BatchLoss{parameter_.sum(), 1};
   }
@@ -179,7 +179,7 @@ TEST_P(PlannedCalibrationTest, TakesThePlannedSteps) {
     settings.mutable_model()->mutable_decoder_covariance()->add_hidden(8);
   }
   const TrainingData data = *SplitRecordings(ArcRecordings(72), settings);
-  const CalibrationExamples examples = CountExamples(settings.model(), data).Calibrated();
+  const CalibrationExamples examples = CountRunExamples(settings.model(), data).Calibrated();
   ASSERT_GE(examples.held_out, artifact::kFewestHeldOut);
   LearningState state(settings, data, at::Device(at::kCPU), 1, [] { return false; });
   CalibrationPlan taken;

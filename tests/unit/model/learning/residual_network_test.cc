@@ -119,7 +119,7 @@ TEST_P(ResidualNetworkTest, TrainsAStepExportsAndTheEngineAgreesWithLibTorch) {
       {});
   const at::Tensor features = encoded.features;
   const at::Tensor probabilities = networks.PredictActions(encoded).exp();
-  std::vector<inference::SceneInput> scenes;
+  std::vector<inference::SceneInputsView> scenes;
   std::deque<scene::Raster> drawn;
   for (int64_t i = 0; i < kScenes; ++i) {
     drawn.push_back(scene::RasterOf(

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "model/data/stable_hash.h"
 #include "model/files/durable_file.h"
 #include "model/learning/objectives.h"
 #include "model/learning/optimizer.h"
@@ -128,6 +129,21 @@ TEST(SceneVectorsTest, NoiseTurnsTheFutureWithTheFrame) {
   // The lane turns with it: straight ahead is still along the lane.
   const at::Tensor lane = turned.scenes.lane_paths[0][0].slice(0, 0, 26).view({13, 2});
   EXPECT_NEAR(bearing(lane[5]), bearing(y[9]), 1e-3);
+}
+
+TEST(SceneVectorsTest, AgentsLeftOutAreMasked) {
+  const v1::TrainingSettings settings = TinyLanesSettings();
+  const ExampleSet set = Recorded(WithCyclist(ArcRecording("arc", 0.0, 10.0), 1.0), settings);
+  int left_out = 0;
+  for (uint64_t seed = 1; seed <= 200; ++seed) {
+    Variation variation;
+    variation.drop_agents = 0.25;
+    variation.drop_seed = data::SplitMix64(seed);
+    const SceneLoader::Batch batch = First(set, variation, settings);
+    EXPECT_GT(batch.scenes.path_mask.sum().item<double>(), 0.0);
+    if (batch.scenes.agent_mask.sum().item<double>() == 0.0) ++left_out;
+  }
+  EXPECT_NEAR(left_out, 50, 20);
 }
 
 TEST(SceneVectorsTest, RelativeTrajectoriesArePositionsMinusTheReference) {

@@ -184,7 +184,7 @@ TEST_F(WarmStartTest, ABaseModelKeepsNothingThatTheStartReadOfTheScene) {
   scene::SceneInputs inputs = reader.NewInputs();
   reader.Read(recording, scene::RoadMap::Over(recording.map_features()), example.time,
               example.target_id, example.X_WT, &inputs);
-  const inference::SceneInput scene = inference::InputOf(inputs);
+  const inference::SceneInputsView scene = inference::ViewOf(inputs);
   inference::SceneEncoding encoding;
   session->Encode({&scene, 1}, {&encoding, 1});
   std::vector<int> actions(static_cast<size_t>((*model)->spec().actions()));

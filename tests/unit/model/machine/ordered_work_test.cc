@@ -4,10 +4,10 @@
 
 #include <atomic>
 #include <latch>
+#include <new>
 #include <optional>
 #include <string>
 #include <thread>
-#include <vector>
 
 namespace maneuver::machine::ordered_work_test {
 namespace {
@@ -28,9 +28,8 @@ TEST(OrderedWorkTest, HandsResultsOutInOrder) {
 TEST(OrderedWorkTest, GivesEachItemToOneOfManyThreads) {
   constexpr size_t kItems = 1000;
   OrderedWork<size_t> work(kItems, 8);
-  std::vector<std::jthread> threads;
   for (int i = 0; i < 4; ++i) {
-    threads.emplace_back([&work] {
+    work.Start([&work] {
       while (const std::optional<size_t> item = work.Claim()) work.Put(*item, *item * *item);
     });
   }
@@ -66,13 +65,26 @@ TEST(OrderedWorkTest, ClaimsNothingOnceAllAreClaimed) {
 }
 
 TEST(OrderedWorkTest, EndsThreadsThatWaitToClaim) {
-  OrderedWork<int> work(2, 1);
-  EXPECT_EQ(work.Claim(), 0);
   std::optional<size_t> claimed = 0;
-  std::jthread claimer([&] { claimed = work.Claim(); });
-  work.Stop();
-  claimer.join();
+  {
+    OrderedWork<int> work(2, 1);
+    EXPECT_EQ(work.Claim(), 0);
+    work.Start([&] { claimed = work.Claim(); });
+  }
   EXPECT_EQ(claimed, std::nullopt);
+}
+
+TEST(OrderedWorkTest, ThrowsWhatAThreadThrewAndEndsTheOthers) {
+  std::optional<size_t> claimed = 0;
+  OrderedWork<int> work(3, 2);
+  EXPECT_EQ(work.Claim(), 0);
+  EXPECT_EQ(work.Claim(), 1);
+  work.Start([&] { claimed = work.Claim(); });
+  work.Start([] { throw std::bad_alloc(); });
+  EXPECT_THROW(work.Take(), std::bad_alloc);
+  EXPECT_TRUE(work.IsReady());
+  EXPECT_THROW(work.Take(), std::bad_alloc);
+  EXPECT_EQ(work.Claim(), std::nullopt);
 }
 
 }  // namespace

@@ -36,7 +36,7 @@ void Append(const Values& values, std::vector<double>* all) {
 }
 
 inline Answers EngineAnswers(const artifact::StoredModel& model,
-                             std::span<const inference::SceneInput> scenes) {
+                             std::span<const inference::SceneInputsView> scenes) {
   const auto loaded =
       inference::ActionModel::FromStored(model, {inference::Precision::kF32}).value();
   const auto session = loaded->NewSession();

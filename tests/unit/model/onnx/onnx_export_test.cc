@@ -87,7 +87,7 @@ v1::ModelSpec PresetSpec(const char* preset) {
 // The inputs of both engines.
 struct Scenes {
   std::deque<scene::Raster> rasters;
-  std::vector<inference::SceneInput> inputs;
+  std::vector<inference::SceneInputsView> inputs;
   cv::Mat raster;  // [N, C, H, W]
   cv::Mat motion;  // [N, 4]
 };
@@ -110,7 +110,7 @@ Scenes MakeScenes(const v1::ModelSpec& spec) {
         }
       }
     }
-    inference::SceneInput input{&scenes.rasters.back(), {}};
+    inference::SceneInputsView input{&scenes.rasters.back(), {}};
     for (int i = 0; i < scene::kMotionInputs; ++i) {
       input.motion[static_cast<size_t>(i)] = 0.3f * static_cast<float>(i - n);
       scenes.motion.at<float>(n, i) = input.motion[static_cast<size_t>(i)];

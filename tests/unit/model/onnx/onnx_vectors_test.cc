@@ -115,8 +115,8 @@ void WritePath(double curvature, double offset, std::mt19937* generator, std::sp
 struct Scenes {
   std::deque<scene::Raster> rasters;
   std::deque<scene::SceneVectors> vectors;
-  std::vector<inference::SceneInput> inputs;  // for this engine
-  Arrays arrays;                              // for the exported networks, without those of actions
+  std::vector<inference::SceneInputsView> inputs;  // for this engine
+  Arrays arrays;  // for the exported networks, without those of actions
 };
 
 Array NewArray(std::vector<int64_t> sizes) {

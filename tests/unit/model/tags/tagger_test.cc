@@ -135,7 +135,7 @@ TEST(TaggerTest, ARowHasTwoPointsOfTheMeanThatAnAnswerDescribes) {
     const auto number = [&](Column column) { return ToNumber(column, row.row[column]); };
     reader.Read(recording, map, example.time, example.target_id, example.X_WT, &inputs);
     inference::SceneEncoding encoding;
-    session->Encode(std::array{inference::InputOf(inputs)}, std::span(&encoding, 1));
+    session->Encode(std::array{inference::ViewOf(inputs)}, std::span(&encoding, 1));
     const int action = static_cast<int>(row.row[Column::kAction]);
     const auto described =
         session->Describe(encoding, std::array{action}, inference::LatentSource::kPosterior);

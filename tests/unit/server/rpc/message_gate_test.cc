@@ -37,9 +37,9 @@ class MessageGateTest : public testing::Test {
     gate_.Enter(call, peer, start_ + at);
     return call;
   }
-  void Look(milliseconds at, size_t allowed) {
+  void StopExcess(milliseconds at, size_t allowed) {
     gate_.Weigh({{"large", int64_t{1} << 40}, {"small", MessageGate::kSmallBytes}});
-    gate_.Look(start_ + at, allowed);
+    gate_.StopExcess(start_ + at, allowed);
   }
 
   const MessageGate::Time start_{std::chrono::hours(1)};
@@ -52,7 +52,7 @@ TEST_F(MessageGateTest, LetsAnyNumberOfQuickRequestsPass) {
   for (int i = 0; i < 100; ++i) {
     const auto call = Enter(milliseconds(i));
     EXPECT_THAT(call->told, ElementsAre("receive"));
-    Look(milliseconds(i) + MessageGate::kYoung, 0);
+    StopExcess(milliseconds(i) + MessageGate::kYoung, 0);
     EXPECT_TRUE(Leave(*call));
   }
 }
@@ -62,7 +62,7 @@ TEST_F(MessageGateTest, OfTooManyLargeRequestsKeepsThoseThatCameFirst) {
   calls.reserve(5);
   for (int i = 0; i < 5; ++i) calls.push_back(Enter(milliseconds(0)));
   const auto young = Enter(milliseconds(1));
-  for (int i = 0; i < 2; ++i) Look(MessageGate::kYoung + milliseconds(1), 3);
+  for (int i = 0; i < 2; ++i) StopExcess(MessageGate::kYoung + milliseconds(1), 3);
   for (int i = 0; i < 3; ++i) EXPECT_THAT(calls[i]->told, ElementsAre("receive")) << i;
   for (int i = 3; i < 5; ++i) EXPECT_THAT(calls[i]->told, ElementsAre("receive", kStopped)) << i;
   EXPECT_THAT(young->told, ElementsAre("receive"));
@@ -78,10 +78,10 @@ TEST_F(MessageGateTest, SlowRequestsOfAConnectionWithSmallOnesPass) {
   small.reserve(10);
   for (int i = 0; i < 3; ++i) small.push_back(Enter(milliseconds(0), "small"));
   const auto large = Enter(milliseconds(1));
-  Look(milliseconds(100), 0);
+  StopExcess(milliseconds(100), 0);
   EXPECT_THAT(large->told, ElementsAre("receive", kStopped));
   while (small.size() < 10) small.push_back(Enter(milliseconds(101), "small"));
-  Look(milliseconds(1000), 0);
+  StopExcess(milliseconds(1000), 0);
   for (const auto& each : small) {
     EXPECT_THAT(each->told, ElementsAre("receive"));
     EXPECT_TRUE(Leave(*each));
@@ -104,7 +104,7 @@ TEST_F(MessageGateTest, AConnectionHasLargeRequestsIfItBroughtMuchForEachOfItsCa
 
 TEST_F(MessageGateTest, EachConnectionCountsAsOneWithLargeRequestsUntilItIsWeighed) {
   const auto slow = Enter(milliseconds(0), "small");
-  gate_.Look(start_ + milliseconds(21), 0);
+  gate_.StopExcess(start_ + milliseconds(21), 0);
   EXPECT_THAT(slow->told, ElementsAre("receive", "stop: MEMORY_FULL"));
   EXPECT_THAT(Enter(milliseconds(22), "new")->told, IsEmpty());
 }
@@ -129,7 +129,7 @@ TEST_F(MessageGateTest, StopsThoseFirstThatHaveTakenLongerThanATurn) {
   const auto lazy = Enter(milliseconds(0));
   const auto first = Enter(milliseconds(100));
   const auto second = Enter(milliseconds(200));
-  Look(MessageGate::kTurn + milliseconds(1), 2);
+  StopExcess(MessageGate::kTurn + milliseconds(1), 2);
   EXPECT_THAT(lazy->told, ElementsAre("receive", kStopped));
   EXPECT_THAT(first->told, ElementsAre("receive"));
   EXPECT_THAT(second->told, ElementsAre("receive"));
@@ -137,16 +137,16 @@ TEST_F(MessageGateTest, StopsThoseFirstThatHaveTakenLongerThanATurn) {
 
 TEST_F(MessageGateTest, CancelsAStoppedCallWhoseCallerDoesNotTakeItsEnd) {
   const auto deaf = Enter(milliseconds(0));
-  Look(milliseconds(100), 0);
-  Look(milliseconds(100) + MessageGate::kTurn, 0);
+  StopExcess(milliseconds(100), 0);
+  StopExcess(milliseconds(100) + MessageGate::kTurn, 0);
   EXPECT_THAT(deaf->told, ElementsAre("receive", kStopped));
-  for (int i = 0; i < 2; ++i) Look(milliseconds(101) + MessageGate::kTurn, 0);
+  for (int i = 0; i < 2; ++i) StopExcess(milliseconds(101) + MessageGate::kTurn, 0);
   EXPECT_THAT(deaf->told, ElementsAre("receive", kStopped, "cancel"));
 }
 
 TEST_F(MessageGateTest, LargeRequestsGoOnAsLongAsTheyAreAllowed) {
   const auto slow = Enter(milliseconds(0));
-  Look(milliseconds(60'000), 1);
+  StopExcess(milliseconds(60'000), 1);
   EXPECT_THAT(slow->told, ElementsAre("receive"));
 }
 
@@ -155,17 +155,17 @@ TEST_F(MessageGateTest, NewCallsWaitUntilNoMoreThanAllowedAreLarge) {
   const auto slow = Enter(milliseconds(0));
   EXPECT_FALSE(gate_.HasSlow(start_ + milliseconds(20)));
   EXPECT_TRUE(gate_.HasSlow(start_ + milliseconds(21)));
-  Look(milliseconds(21), 0);
+  StopExcess(milliseconds(21), 0);
   const auto waiting = Enter(milliseconds(22));
   const auto another = Enter(milliseconds(23));
   EXPECT_THAT(Enter(milliseconds(24))->told, ElementsAre("MEMORY_FULL")) << "two may wait";
   EXPECT_THAT(Enter(milliseconds(25), "small")->told, ElementsAre("receive"));
   // Its memory is not free before it leaves.
-  Look(milliseconds(40), 0);
+  StopExcess(milliseconds(40), 0);
   EXPECT_THAT(waiting->told, IsEmpty());
   EXPECT_FALSE(Leave(*slow));
   EXPECT_TRUE(gate_.HasSlow(start_ + milliseconds(41))) << "those that wait";
-  Look(milliseconds(60), 0);
+  StopExcess(milliseconds(60), 0);
   EXPECT_THAT(waiting->told, ElementsAre("receive"));
   EXPECT_THAT(another->told, ElementsAre("receive"));
 }

@@ -261,7 +261,7 @@ TEST_F(OutcomeServiceTest, AStreamRefusesReportsWhileTheMemoryIsNearlyFull) {
   report(&answer);
   EXPECT_TRUE(answer.has_response());
   used_ = 900;
-  budget_.Look();
+  budget_.Relieve();
   report(&answer);
   EXPECT_EQ(errors::ReasonOf(errors::FromProto(answer.error())), "MEMORY_FULL");
   EXPECT_EQ(answer.request_id(), "a");

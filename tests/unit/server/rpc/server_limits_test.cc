@@ -101,7 +101,7 @@ TEST_F(ServerTest, ACallThatSendsItsRequestTooSlowlyIsRefusedAndAnotherIsAnswere
       auto large = ReceivedBytes(port).Recent();
       for (auto& [peer, bytes] : large) bytes += int64_t{1} << 30;
       gate.Weigh(large);
-      gate.Look(std::chrono::steady_clock::now(), /*allowed=*/0);
+      gate.StopExcess(std::chrono::steady_clock::now(), /*allowed=*/0);
       std::this_thread::sleep_for(std::chrono::milliseconds(5));
     }
   });
@@ -114,7 +114,7 @@ TEST_F(ServerTest, ACallThatSendsItsRequestTooSlowlyIsRefusedAndAnotherIsAnswere
   }
   looking.request_stop();
   looking.join();
-  gate.Look(std::chrono::steady_clock::now(), /*allowed=*/1);
+  gate.StopExcess(std::chrono::steady_clock::now(), /*allowed=*/1);
   const auto stub = v1::PredictionService::NewStub(channel);
   grpc::ClientContext context;
   context.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(60));

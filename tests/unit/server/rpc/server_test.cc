@@ -32,7 +32,7 @@ TEST_F(ServerTest, HealthFollowsTheServersState) {
   EXPECT_EQ(Health(predictions), 1);
   ASSERT_TRUE(models_->DeleteAlias({"town", "serving"}).ok());
   EXPECT_EQ(Health(predictions), 2);
-  server_->TurnHealth();
+  server_->ShowNotServing();
   EXPECT_EQ(Health(""), 2);
   EXPECT_EQ(Health("maneuver.v1.ModelService"), 2);
 }
@@ -522,7 +522,7 @@ TEST_F(ServerTest, AWatchOfTheHealthIsToldEachChange) {
   Publish();
   ASSERT_TRUE(predictions->Read(&response));
   EXPECT_EQ(response.status(), HealthCheckResponse::SERVING);
-  server_->TurnHealth();
+  server_->ShowNotServing();
   ASSERT_TRUE(predictions->Read(&response));
   EXPECT_EQ(response.status(), HealthCheckResponse::NOT_SERVING);
   server_->SetPredictionsReady(true);

@@ -21,8 +21,8 @@ class SmallMessagesTest : public testing::Test {
   int64_t Add(const std::string& peer) {
     return messages_.Add(peer, [this, peer] { cancelled_.push_back(peer); });
   }
-  void Look() {
-    messages_.Look([this](const std::string& peer) { return received_[peer]; });
+  void CancelExcess() {
+    messages_.CancelExcess([this](const std::string& peer) { return received_[peer]; });
   }
 
   std::map<std::string, int64_t> received_;
@@ -34,7 +34,7 @@ TEST_F(SmallMessagesTest, LeavesMessagesThatAreAwaitedOnQuietConnections) {
   const int64_t number = Add("a");
   received_["a"] = int64_t{1} << 40;  // before
   for (int i = 0; i < 1000; ++i) {
-    Look();
+    CancelExcess();
     received_["a"] += SmallMessages::kMostBytesUnderway / 1000;
   }
   EXPECT_THAT(cancelled_, IsEmpty());
@@ -45,14 +45,14 @@ TEST_F(SmallMessagesTest, CancelsTheMessagesOfTheConnectionsThatBringTheMost) {
   const int64_t small = Add("small");
   const int64_t first = Add("large");
   const int64_t second = Add("large");
-  Look();
+  CancelExcess();
   received_["small"] = SmallMessages::kMostBytesUnderway;
-  Look();
+  CancelExcess();
   EXPECT_THAT(cancelled_, IsEmpty());
   received_["large"] = SmallMessages::kMostBytesUnderway + 1;
-  Look();
+  CancelExcess();
   EXPECT_THAT(cancelled_, ElementsAre("large", "large"));
-  Look();
+  CancelExcess();
   EXPECT_THAT(cancelled_, ElementsAre("large", "large")) << "once";
   EXPECT_TRUE(messages_.Remove(small));
   EXPECT_FALSE(messages_.Remove(first));
@@ -62,25 +62,25 @@ TEST_F(SmallMessagesTest, CancelsTheMessagesOfTheConnectionsThatBringTheMost) {
 TEST_F(SmallMessagesTest, ManyConnectionsHaveNoMoreThanOne) {
   constexpr int kConnections = 100;
   for (int i = 0; i < kConnections; ++i) Add(std::to_string(i));
-  Look();
+  CancelExcess();
   for (int i = 0; i < kConnections; ++i) {
     received_[std::to_string(i)] = SmallMessages::kMostBytesUnderway / 50;
   }
-  Look();
+  CancelExcess();
   EXPECT_EQ(cancelled_.size(), 50u);
 }
 
 TEST_F(SmallMessagesTest, CountsAConnectionAnewOnceNoMessageIsUnderway) {
   ASSERT_TRUE(messages_.Remove(Add("a")));
   const int64_t before = Add("a");
-  Look();
+  CancelExcess();
   received_["a"] = SmallMessages::kMostBytesUnderway;
   ASSERT_TRUE(messages_.Remove(before));
-  Look();
+  CancelExcess();
   Add("a");
-  Look();
+  CancelExcess();
   received_["a"] += SmallMessages::kMostBytesUnderway;
-  Look();
+  CancelExcess();
   EXPECT_THAT(cancelled_, IsEmpty());
 }
 

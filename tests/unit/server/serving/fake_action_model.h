@@ -104,7 +104,7 @@ class FakeSession final : public inference::InferenceSession {
  public:
   explicit FakeSession(FakeNetworks& networks) : networks_(networks) {}
 
-  void Encode(std::span<const inference::SceneInput> scenes,
+  void Encode(std::span<const inference::SceneInputsView> scenes,
               std::span<inference::SceneEncoding> encodings) override {
     networks_.EnterEncode(static_cast<int>(scenes.size()));
     for (size_t i = 0; i < scenes.size(); ++i) {
@@ -155,7 +155,7 @@ class FakeSession final : public inference::InferenceSession {
   }
 
  private:
-  static float FeatureOf(const inference::SceneInput& scene) {
+  static float FeatureOf(const inference::SceneInputsView& scene) {
     if (scene.raster == nullptr) return static_cast<float>(scene.vectors->motion.speed);
     std::vector<uint8_t> bytes(scene.raster->values());
     scene.raster->WriteInterleaved(bytes);

@@ -31,30 +31,30 @@ class MemoryBudgetTest : public testing::Test {
 
 TEST_F(MemoryBudgetTest, RefusesCallsAboveFourFifthsOfTheLimitAndAdmitsThemBelow) {
   used_ = 800;
-  budget_.Look();
+  budget_.Relieve();
   EXPECT_TRUE(budget_.Admit().ok());
   used_ = 801;
-  budget_.Look();
+  budget_.Relieve();
   const absl::Status refused = budget_.Admit();
   EXPECT_EQ(refused.code(), absl::StatusCode::kResourceExhausted);
   EXPECT_EQ(errors::ReasonOf(refused), "MEMORY_FULL");
   EXPECT_TRUE(errors::RetryDelay(refused).has_value());
   used_ = 500;
-  budget_.Look();
+  budget_.Relieve();
   EXPECT_TRUE(budget_.Admit().ok());
 }
 
 TEST_F(MemoryBudgetTest, FreesUnusedMemoryBeforeItRefuses) {
   used_ = 900;
   unused_ = 300;
-  budget_.Look();
+  budget_.Relieve();
   EXPECT_EQ(freed_, 1);
   EXPECT_TRUE(budget_.Admit().ok());
 }
 
 TEST_F(MemoryBudgetTest, FreesAtMostOnceASecond) {
   used_ = 900;
-  for (int i = 0; i < 3; ++i) budget_.Look();
+  for (int i = 0; i < 3; ++i) budget_.Relieve();
   EXPECT_EQ(freed_, 1);
 }
 
@@ -66,7 +66,7 @@ TEST_F(MemoryBudgetTest, TellsAtEachLookHowMuchIsInUseAndCountsClosedConnections
   });
   for (const int64_t used : {500, 900, 901}) {
     used_ = used;
-    budget_.Look();
+    budget_.Relieve();
   }
   EXPECT_THAT(parts, testing::ElementsAre(0.5, 0.9, 0.901));
   EXPECT_THAT(metrics_->Page(), testing::HasSubstr("maneuver_memory_closed_connections_total 3\n"));
@@ -88,7 +88,7 @@ TEST(MemoryLimitTest, LargeRequestsThatAreParsedAtOnceMustFitTogether) {
   EXPECT_EQ(errors::ReasonOf(budget.AdmitRequest(kLarge).status()), "MEMORY_FULL");
   EXPECT_TRUE(budget.AdmitRequest(1000).ok()) << "small ones pass";
   // Perhaps what is used was freed and can be given back.
-  budget.Look();
+  budget.Relieve();
   EXPECT_EQ(freed, 1);
   *first = nullptr;
   EXPECT_TRUE(budget.AdmitRequest(kLarge).ok());
@@ -101,13 +101,13 @@ TEST_F(MemoryBudgetTest, RefusesAnswersTooWhichIncludesThoseOfStreams) {
   SendMemory answers({}, *metrics_, &budget_);
   EXPECT_TRUE(answers.Reserve(10, 1).ok());
   used_ = 900;
-  budget_.Look();
+  budget_.Relieve();
   EXPECT_EQ(errors::ReasonOf(answers.Reserve(10, 1).status()), "MEMORY_FULL");
 }
 
 TEST(MemoryLimitTest, WithoutALimitNothingIsRefused) {
   MemoryBudget budget(0, monitoring::MetricRegistry::Null());
-  budget.Look();
+  budget.Relieve();
   EXPECT_TRUE(budget.Admit().ok());
   EXPECT_EQ(ShareOf(0, 4, 1000), 1000);
 }
@@ -120,7 +120,7 @@ TEST(MemoryLimitTest, BuffersGetTheirPartOfALimitOrLess) {
 // Any process takes more than a byte.
 TEST(MemoryLimitTest, SeesTheMemoryOfThisProcess) {
   MemoryBudget budget(1, monitoring::MetricRegistry::Null());
-  budget.Look();
+  budget.Relieve();
   EXPECT_FALSE(budget.Admit().ok());
 }
 
