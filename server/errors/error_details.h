@@ -54,8 +54,8 @@ absl::Status WithStorageReason(absl::Status status);
 // Leaves other statuses, and those with a reason, unchanged.
 absl::Status WithFolderReason(absl::Status status, std::string_view folder);
 
-// Returns whether a call failed because the database of jobs and aliases cannot be reached
-// (STORE_UNAVAILABLE): it will succeed later.
+// Returns whether a call failed because the database of jobs and aliases cannot be used at the
+// moment (STORE_UNAVAILABLE): it will succeed later. The store has logged that.
 bool IsStoreAway(const absl::Status& status);
 
 // Adds a RetryInfo to `status`.

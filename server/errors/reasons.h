@@ -51,8 +51,8 @@ inline constexpr ReasonEntry kReasons[] = {
      "the server lacks permission to read or write a file of its data folder",
      "have the operator correct the folder's owner and permissions"},
     {"STORE_UNAVAILABLE", "UNAVAILABLE",
-     "the server cannot reach the database of jobs and aliases (--store), or another server uses "
-     "it",
+     "the server cannot use its database of jobs and aliases: it cannot be reached (--store), its "
+     "disk fails, or another server uses it",
      "wait as long as RetryInfo says; predictions go on meanwhile"},
     {"FOLDER_UNAVAILABLE", "UNAVAILABLE",
      "the file system of the server's data folder, or of the part in the metadata's `folder`, "
@@ -102,6 +102,9 @@ inline constexpr ReasonEntry kReasons[] = {
     {"ANSWER_UNSOUND", "INTERNAL",
      "the model's answer for a target is not finite or not a distribution, and was withheld",
      "report the scenario, whose digest is in the server's log; ask another version"},
+    {"ENGINE_FAILED", "INTERNAL",
+     "a library under the model's networks failed, for example for want of memory",
+     "repeat the request, with fewer targets if memory is short; the server's log has more"},
     {"TARGET_TYPE_NOT_LEARNED", "INVALID_ARGUMENT",
      "the model has not learned to predict agents of the target's type",
      "ask about agents that the metadata's `predicts` names, or ask another model"},

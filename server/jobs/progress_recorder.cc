@@ -93,7 +93,7 @@ void ProgressRecorder::Store(v1::JobProgress progress) {
   if (show_) show_(progress);
   // An event that is lost is a pity, but no reason to lose the job.
   if (const absl::Status status = store_.AddProgress(lease_, progress); !status.ok()) {
-    if (errors::IsStoreAway(status)) return;  // the store logs that, once
+    if (errors::IsStoreAway(status)) return;  // logged by the store
     monitoring::Log(monitoring::LogLevel::kWarning, "progress not stored",
                     {{"job", lease_.job}, {"error", std::string(status.message())}});
     return;

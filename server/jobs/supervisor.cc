@@ -30,7 +30,7 @@ constexpr std::chrono::seconds kRetry{1};
 constexpr std::chrono::hours kUnknownFolderAge{1};
 
 void LogFailure(const char* what, const std::string& job, const absl::Status& status) {
-  if (errors::IsStoreAway(status)) return;  // the store logs that, once
+  if (errors::IsStoreAway(status)) return;  // logged by the store
   Log(LogLevel::kError, what, {{"job", job}, {"error", std::string(status.message())}});
 }
 

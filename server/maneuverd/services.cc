@@ -19,6 +19,7 @@ namespace maneuver {
 namespace {
 
 constexpr int kDiskThreads = 4;
+constexpr int kLoadingThreads = 1;
 constexpr size_t kMaxWaitingForDisk = 256;
 constexpr size_t kMaxWaitingToSend = 128;  // some 20 kB each
 // Outcomes can wait: scoring takes at most one core from predictions.
@@ -58,12 +59,14 @@ Services::Services(const ServerOptions& options, Storage& storage, JobWork& job_
       send_memory_(options.sends, metrics, &memory_),
       scheduler_(options.scheduler, metrics),
       disk_(kDiskThreads, kMaxWaitingForDisk),
+      loading_(kLoadingThreads, kMaxWaitingForDisk),
       maps_(options.maps, metrics),
       context_{.models = *storage.models,
                .scheduler = scheduler_,
                .maps = maps_,
                .send_memory = send_memory_,
                .blocking = disk_,
+               .loading = loading_,
                .limits = {.map_by_id = true},
                .access = access,
                .shadow = MakeShadow(options, storage, scheduler_, metrics)},

@@ -61,6 +61,7 @@ class Services {
   serving::SendMemory send_memory_;  // outlives the calls, which hold shares of it
   serving::BatchScheduler scheduler_;
   rpc::WorkerPool disk_;
+  rpc::WorkerPool loading_;
   serving::MapCache maps_;
   std::optional<serving::PastAnswers> past_answers_;
   rpc::PredictionContext context_;

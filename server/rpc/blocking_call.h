@@ -38,6 +38,22 @@ void FreeMessage(const Message* message) {
   const_cast<Message*>(message)->Swap(&empty);
 }
 
+template <typename Request>
+bool HasOneOfVerbs(std::initializer_list<std::string_view> verbs) {
+  const std::string_view method = Request::descriptor()->name();
+  return std::ranges::any_of(verbs, [method](auto verb) { return method.starts_with(verb); });
+}
+// Whether a call stops or removes something. When much waits, it is what helps.
+template <typename Request>
+bool MakesRoom() {
+  return HasOneOfVerbs<Request>({"Cancel", "Delete"});
+}
+// Whether repeating a call is harmless.
+template <typename Request>
+bool Reads() {
+  return HasOneOfVerbs<Request>({"Get", "List", "Describe", "Query"});
+}
+
 // Returns what a message that waits counts as: its bytes on the wire. Messages take up to four times
 // as much memory; one full of empty elements, which takes more, counts as a quarter of its memory.
 inline int64_t WaitingBytes(const google::protobuf::Message& message) {
@@ -56,20 +72,17 @@ class CountedCall final : public InlineReactor<grpc::ServerUnaryReactor> {
   explicit CountedCall(serving::SendMemory& memory) : memory_(memory) {}
 
   // Ends the call with the Status that `work` returns, after it has filled `response`. While unread
-  // answers fill the memory, refuses the call before its work; calls that stop or remove something
-  // do it nevertheless. An answer that does not fit is refused only if repeating the call is
-  // harmless, so that no caller takes a change that was made for one that was refused.
+  // answers fill the memory, refuses the call before its work, unless it makes room. An answer that
+  // does not fit is refused only if repeating the call is harmless, so that no caller takes a change
+  // that was made for one that was refused.
   template <typename Request, typename Response, typename Work>
   void Answer(const Request* request, const Response* response, const Work& work) {
-    const std::string_view method = Request::descriptor()->name();
-    const bool makes_room = StartsWithOneOf(method, {"Cancel", "Delete"});
-    absl::Status status = makes_room ? absl::OkStatus() : memory_.CheckRoom();
+    absl::Status status = MakesRoom<Request>() ? absl::OkStatus() : memory_.CheckRoom();
     if (status.ok()) status = work();
     FreeMessage(request);
     if (status.ok()) {
       const auto bytes = static_cast<int64_t>(response->ByteSizeLong());
-      const bool reads = StartsWithOneOf(method, {"Get", "List", "Describe", "Query"});
-      if (makes_room || reads) {
+      if (Reads<Request>() || MakesRoom<Request>()) {
         auto share = memory_.TakeIfRoom(bytes);
         status = share.status();
         if (share.ok()) share_ = *std::move(share);
@@ -89,11 +102,6 @@ class CountedCall final : public InlineReactor<grpc::ServerUnaryReactor> {
   void OnDone() override { delete this; }
 
  private:
-  static bool StartsWithOneOf(std::string_view name,
-                              std::initializer_list<std::string_view> verbs) {
-    return std::ranges::any_of(verbs, [name](auto verb) { return name.starts_with(verb); });
-  }
-
   serving::SendMemory& memory_;
   serving::SendMemory::Share share_;
   std::atomic<bool> is_abandoned_ = false;
@@ -106,12 +114,13 @@ template <typename Request, typename Response, typename Work>
 grpc::ServerUnaryReactor* AnswerFrom(const BlockingWork& blocking, const Request* request,
                                      const Response* response, Work work) {
   auto* call = new CountedCall(blocking.send_memory);
-  const bool accepted = blocking.pool.Post(
-      [call, request, response, work = std::move(work)] {
-        if (call->is_abandoned()) return call->Finish(grpc::Status::CANCELLED);
-        call->Answer(request, response, [&work] { return errors::WithStorageReason(work()); });
-      },
-      WaitingBytes(*request));
+  auto answer = [call, request, response, work = std::move(work)] {
+    if (call->is_abandoned()) return call->Finish(grpc::Status::CANCELLED);
+    call->Answer(request, response, [&work] { return errors::WithStorageReason(work()); });
+  };
+  const int64_t bytes = WaitingBytes(*request);
+  const bool accepted = MakesRoom<Request>() ? blocking.pool.PostReserved(std::move(answer), bytes)
+                                             : blocking.pool.Post(std::move(answer), bytes);
   if (!accepted) {
     FreeMessage(request);
     call->Finish(ToGrpcStatus(Busy()));

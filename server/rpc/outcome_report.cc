@@ -327,11 +327,14 @@ class OutcomeReport {
 
   void ScoreTarget(ReportedTarget& target) {
     if (!target.status.ok()) return;
-    serving::ServedModel::Lease engine(*target.model);
-    auto scored = serving::ScoreOutcome(*target.answer, target.reported->states(),
-                                        target.model->model(), engine->session(), target.path);
-    target.status = scored.status();
-    if (scored.ok()) target.scored = *std::move(scored);
+    const absl::Status ran =
+        serving::ServedModel::Lease(*target.model).With([&](serving::Engine& engine) {
+          auto scored = serving::ScoreOutcome(*target.answer, target.reported->states(),
+                                              target.model->model(), engine.session(), target.path);
+          target.status = scored.status();
+          if (scored.ok()) target.scored = *std::move(scored);
+        });
+    if (!ran.ok()) target.status = ran;
   }
 
   static void Write(const ReportedTarget& target, v1::TargetScore* proto) {

@@ -37,7 +37,10 @@ struct PredictionContext {
   serving::BatchScheduler& scheduler;
   serving::MapCache& maps;
   serving::SendMemory& send_memory;
-  WorkerPool& blocking;  // for a model that is not in memory
+  WorkerPool& blocking;  // for calls that wait for the disk
+  // For models that are not in memory. Its own, because loads wait for one another: they would keep
+  // every thread that other calls wait for.
+  WorkerPool& loading;
   scene::ScenarioLimits limits;
   security::AccessControl& access;
   std::shared_ptr<serving::Shadow> shadow = nullptr;  // nullptr: none

@@ -20,10 +20,18 @@ WorkerPool::~WorkerPool() {
 }
 
 bool WorkerPool::Post(std::function<void()> work, int64_t bytes) {
+  return PostWithin(1, std::move(work), bytes);
+}
+
+bool WorkerPool::PostReserved(std::function<void()> work, int64_t bytes) {
+  return PostWithin(2, std::move(work), bytes);
+}
+
+bool WorkerPool::PostWithin(int limits, std::function<void()> work, int64_t bytes) {
   {
     const MutexLock lock(mutex_);
-    if (waiting_.size() >= max_waiting_) return false;
-    if (bytes > 0 && bytes_ > 0 && bytes_ + bytes > max_bytes_) return false;
+    if (waiting_.size() >= static_cast<size_t>(limits) * max_waiting_) return false;
+    if (bytes > 0 && bytes_ > 0 && bytes_ + bytes > limits * max_bytes_) return false;
     bytes_ += bytes;
     waiting_.push_back({std::move(work), bytes});
   }

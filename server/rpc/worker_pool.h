@@ -30,6 +30,9 @@ class WorkerPool {
   // waiting.
   //   bytes: what the work keeps in memory until it has run, such as a request
   bool Post(std::function<void()> work, int64_t bytes = 0);
+  // Does the same for work that makes room, such as a cancellation: it has twice the limits, so it
+  // is accepted when other work is refused.
+  bool PostReserved(std::function<void()> work, int64_t bytes = 0);
   // Queues the next step of work that Post accepted earlier. Never refuses. A piece of work may
   // have at most one step waiting.
   void Continue(std::function<void()> work);
@@ -40,6 +43,7 @@ class WorkerPool {
     int64_t bytes = 0;
   };
 
+  bool PostWithin(int limits, std::function<void()> work, int64_t bytes);
   void Run();
 
   const size_t max_waiting_;

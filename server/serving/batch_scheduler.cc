@@ -208,14 +208,14 @@ void BatchScheduler::Drop(const std::vector<TargetQueue::Item>& items, TimePoint
 }
 
 void BatchScheduler::Answer(const TargetQueue::Item& item, TargetAnswer answer,
-                            inference::InferenceSession* session) {
+                            ServedModel::Lease* engine) {
   PredictionCall& call = *item.call;
   call.answers[item.target] = std::move(answer);
   // The thread that counts to zero, here and below, sees the answers of all others by acq_rel.
   if (!call.joint_sets.empty()) {
     const size_t set = SetOf(call, item.target);
     const bool last = call.joint_sets[set].unanswered.fetch_sub(1, std::memory_order_acq_rel) == 1;
-    if (last && session != nullptr) Combine(call, set, *session);
+    if (last && engine != nullptr) Combine(call, set, *engine);
     if (last) CountAnswered(call, call.joint_sets[set].range);
   }
   if (call.unanswered.fetch_sub(1, std::memory_order_acq_rel) == 1) {
@@ -231,18 +231,19 @@ void BatchScheduler::CountAnswered(const PredictionCall& call, TargetRange range
   }
 }
 
-void BatchScheduler::Combine(PredictionCall& call, size_t set,
-                             inference::InferenceSession& session) {
+void BatchScheduler::Combine(PredictionCall& call, size_t set, ServedModel::Lease& engine) {
   const double interval = artifact::WaypointInterval(call.model->model().spec().trajectory());
   const TargetRange range = call.joint_sets[set].range;
   std::vector<bool> sound;
   for (size_t i = range.begin; i < range.end; ++i) sound.push_back(call.answers[i].status.ok());
-  call.joint[set] = CombineTargets(std::get<DescribeActions>(call.question), call.targets, range,
-                                   interval, session, call.answers);
+  const absl::Status status = engine.With([&](Engine& used) {
+    call.joint[set] = CombineTargets(std::get<DescribeActions>(call.question), call.targets, range,
+                                     interval, used.session(), call.answers);
+  });
   for (size_t i = range.begin; i < range.end; ++i) {
-    if (!sound[i - range.begin] || call.answers[i].status.ok()) continue;
-    metrics_.unsound.Increment();
-    LogUnsound(call, call.targets[i], call.answers[i].status);
+    if (!sound[i - range.begin]) continue;
+    if (!status.ok()) call.answers[i] = Failure(status);
+    if (!call.answers[i].status.ok()) NoteWithheld(call, call.targets[i], call.answers[i].status);
   }
 }
 
@@ -312,35 +313,41 @@ TimePoint BatchScheduler::ReadScenes(Engine& engine, std::vector<Row>& rows, Tim
 
 absl::Status BatchScheduler::Describe(const TargetQueue::Item& item,
                                       inference::SceneEncoding&& encoding,
-                                      inference::InferenceSession& session, TargetAnswer* answer) {
+                                      ServedModel::Lease& engine, TargetAnswer* answer) {
   const PredictionCall& call = *item.call;
   const Target& target = call.targets[item.target];
   answer->encoding = std::move(encoding);
   absl::Status status = CheckProbabilities(answer->encoding.probabilities, "p(y|s)");
-  if (status.ok()) {
+  if (!status.ok()) return status;
+  status = engine.With([&](Engine& used) {
     if (const auto* describe = std::get_if<DescribeActions>(&call.question)) {
       const double interval = artifact::WaypointInterval(call.model->model().spec().trajectory());
-      DescribeTarget(*describe, answer->encoding, interval, session, answer);
+      DescribeTarget(*describe, answer->encoding, interval, used.session(), answer);
     } else if (std::holds_alternative<ClassifyTrajectory>(call.question)) {
-      answer->classification = session.Classify(answer->encoding, target.trajectory);
+      answer->classification = used.session().Classify(answer->encoding, target.trajectory);
     }
-    status = CheckAnswer(*answer);
-  }
-  if (!status.ok()) metrics_.unsound.Increment();
-  // A target of a set is answered once the set is combined.
-  if (status.ok() && call.joint_sets.empty()) metrics_.answered.Increment();
-  if (!status.ok()) LogUnsound(call, target, status);
-  return status;
+  });
+  return status.ok() ? CheckAnswer(*answer) : status;
 }
 
-void BatchScheduler::LogUnsound(const PredictionCall& call, const Target& target,
-                                const absl::Status& status) {
+void BatchScheduler::NoteWithheld(const PredictionCall& call, const Target& target,
+                                  const absl::Status& status) {
+  metrics_.unsound.Increment();
   if (fault_lines_.Take("", 1.0)) return;  // it says how long to wait
-  monitoring::Log(monitoring::LogLevel::kError, "unsound answer withheld",
+  monitoring::Log(monitoring::LogLevel::kError, "answer withheld",
                   {{"model_version", call.model->name().ToString()},
                    {"scenario_sha256", files::Sha256Hex(target.scenario->SerializeAsString())},
                    {"target_id", target.id},
                    {"reason", std::string(status.message())}});
+}
+
+void BatchScheduler::Withhold(const std::vector<Row>& rows, const absl::Status& status,
+                              ServedModel::Lease& engine) {
+  for (const Row& row : rows) {
+    const PredictionCall& call = *row.item.call;
+    NoteWithheld(call, call.targets[row.item.target], status);
+    Answer(row.item, Failure(status), &engine);
+  }
 }
 
 void BatchScheduler::RunBatch(std::vector<TargetQueue::Item> items) {
@@ -355,13 +362,17 @@ void BatchScheduler::RunBatch(std::vector<TargetQueue::Item> items) {
     metrics_.queue_time.Observe(Seconds(start - row.item.call->submitted));
   }
   ServedModel::Lease engine(*model);
-  start = ReadScenes(*engine, rows, start);
+  absl::Status status = engine.With([&](Engine& used) { start = ReadScenes(used, rows, start); });
+  if (!status.ok()) return Withhold(rows, status, engine);
   start = DropDead(rows, Passed::kRaster);
   if (rows.empty()) return;
-  std::vector<inference::SceneInputsView> scenes;
-  for (const Row& row : rows) scenes.push_back(row.scene);
   std::vector<inference::SceneEncoding> encodings(rows.size());
-  engine->session().Encode(scenes, encodings);
+  status = engine.With([&](Engine& used) {
+    std::vector<inference::SceneInputsView> scenes;
+    for (const Row& row : rows) scenes.push_back(row.scene);
+    used.session().Encode(scenes, encodings);
+  });
+  if (!status.ok()) return Withhold(rows, status, engine);
   metrics_.encode_time.Observe(Seconds(options_.now() - start));
 
   start = options_.now();
@@ -373,10 +384,11 @@ void BatchScheduler::RunBatch(std::vector<TargetQueue::Item> items) {
       continue;
     }
     TargetAnswer answer;
-    absl::Status status =
-        Describe(rows[i].item, std::move(encodings[i]), engine->session(), &answer);
-    Answer(rows[i].item, status.ok() ? std::move(answer) : Failure(std::move(status)),
-           &engine->session());
+    status = Describe(rows[i].item, std::move(encodings[i]), engine, &answer);
+    // A target of a set is answered once the set is combined.
+    if (status.ok() && call.joint_sets.empty()) metrics_.answered.Increment();
+    if (!status.ok()) NoteWithheld(call, call.targets[rows[i].item.target], status);
+    Answer(rows[i].item, status.ok() ? std::move(answer) : Failure(std::move(status)), &engine);
   }
   metrics_.describe_time.Observe(Seconds(options_.now() - start));
 }

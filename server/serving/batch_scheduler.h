@@ -75,21 +75,23 @@ class BatchScheduler {
   TimePoint ReadScenes(Engine& engine, std::vector<Row>& rows, TimePoint start);
   // Returns OK if the call fits into an empty queue.
   absl::Status CheckSize(const PredictionCall& call) const;
-  // Completes the target's answer from the encoding of its scene. Returns INTERNAL if the answer is
-  // invalid (answer_check.h); that is counted, and logged with the digest of the scenario.
+  // Completes the target's answer from the encoding of its scene. Returns INTERNAL if the engine
+  // fails or the answer is invalid (answer_check.h).
   absl::Status Describe(const TargetQueue::Item& item, inference::SceneEncoding&& encoding,
-                        inference::InferenceSession& session, TargetAnswer* answer);
-  // Logs an invalid answer.
-  void LogUnsound(const PredictionCall& call, const Target& target, const absl::Status& status);
+                        ServedModel::Lease& engine, TargetAnswer* answer);
+  // Counts an answer that was withheld, and logs it with the digest of the scenario.
+  void NoteWithheld(const PredictionCall& call, const Target& target, const absl::Status& status);
+  // Gives each row the INTERNAL error of an engine that failed.
+  void Withhold(const std::vector<Row>& rows, const absl::Status& status,
+                ServedModel::Lease& engine);
   // Records a target's answer or error. The last answer of a scenario combines its targets, if the
   // call asks for that. The last answer of a call answers the call.
-  //   session: nullptr where the whole call fails
-  void Answer(const TargetQueue::Item& item, TargetAnswer answer,
-              inference::InferenceSession* session);
+  //   engine: nullptr where the whole call fails
+  void Answer(const TargetQueue::Item& item, TargetAnswer answer, ServedModel::Lease* engine);
   // Counts the targets of a set that have an answer, once all of them are through.
   void CountAnswered(const PredictionCall& call, TargetRange range);
-  // Combines the targets of a set (joint_answer.h).
-  void Combine(PredictionCall& call, size_t set, inference::InferenceSession& session);
+  // Combines the targets of a set (joint_answer.h). If the engine fails, each has its error.
+  void Combine(PredictionCall& call, size_t set, ServedModel::Lease& engine);
   void CountDead(const absl::Status& status, Passed passed, size_t targets);
   // Gives each item the error of its call.
   void Drop(const std::vector<TargetQueue::Item>& items, TimePoint now, Passed passed);

@@ -12,12 +12,12 @@ monitoring::Histogram& StageHistogram(monitoring::MetricRegistry& registry, cons
 }
 
 monitoring::Counter& TargetCounter(monitoring::MetricRegistry& registry, const char* outcome) {
-  return registry.AddCounter(
-      "maneuver_targets_total",
-      "Targets by outcome: answered, unsound (the model's answer "
-      "was withheld), expired, cancelled or refused: the queue was full, the "
-      "deadline too close, or the request too large.",
-      {{"outcome", outcome}});
+  return registry.AddCounter("maneuver_targets_total",
+                             "Targets by outcome: answered, unsound (the answer was withheld, "
+                             "because the model's is invalid or its engine failed), expired, "
+                             "cancelled or refused: the queue was full, the "
+                             "deadline too close, or the request too large.",
+                             {{"outcome", outcome}});
 }
 
 monitoring::Counter& DropCounter(monitoring::MetricRegistry& registry, const char* cause,

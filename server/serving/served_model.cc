@@ -3,13 +3,15 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <exception>
 #include <numeric>
 
 #include "absl/strings/str_cat.h"
 #include "model/evaluation/action_names.h"
+#include "server/errors/error_details.h"
 
 namespace maneuver::serving {
+
+using security::ModelVersionName;
 
 Engine::Engine(const inference::ActionModel& model)
     : reader_(model.spec()), session_(model.NewSession()) {}
@@ -19,8 +21,7 @@ scene::SceneInputs& Engine::Inputs(size_t i) {
   return inputs_[i];
 }
 
-ServedModel::ServedModel(security::ModelVersionName name,
-                         std::shared_ptr<const inference::ActionModel> model)
+ServedModel::ServedModel(ModelVersionName name, std::shared_ptr<const inference::ActionModel> model)
     : name_(std::move(name)),
       model_(std::move(model)),
       action_names_(std::make_shared<const std::vector<std::string>>(
@@ -38,22 +39,26 @@ void ServedModel::SetActionNames(std::vector<std::string> names) {
 }
 
 absl::Status ServedModel::WarmUp() {
-  try {
-    return AnswerEmptyScene();
-  } catch (const std::exception& error) {  // dnnl::error, std::bad_alloc
-    return absl::InternalError(
-        absl::StrCat(name_.ToString(), " cannot answer: the engine failed: ", error.what()));
-  }
+  absl::Status status;
+  const absl::Status ran =
+      Lease(*this).With([&](Engine& engine) { status = CheckEmptyScene(engine); });
+  return ran.ok() ? status : ran;
 }
 
-absl::Status ServedModel::AnswerEmptyScene() {
-  Lease engine(*this);
+absl::Status ServedModel::EngineFailed(const ModelVersionName& name, const std::exception& error) {
+  return errors::WithReason(
+      absl::InternalError(absl::StrCat("the engine of ", name.ToString(), " failed: ", error.what(),
+                                       "; try again, with fewer targets if memory is short")),
+      "ENGINE_FAILED");
+}
+
+absl::Status ServedModel::CheckEmptyScene(Engine& engine) const {
   const v1::Scenario empty;
-  engine->reader().Read(empty, scene::RoadMap::Over(empty.map_features()), /*time=*/0.0,
-                        /*target_id=*/0, scene::Pose2(), &engine->Inputs(0));
-  const std::array<inference::SceneInputsView, 1> scenes = {inference::ViewOf(engine->Inputs(0))};
+  engine.reader().Read(empty, scene::RoadMap::Over(empty.map_features()), /*time=*/0.0,
+                       /*target_id=*/0, scene::Pose2(), &engine.Inputs(0));
+  const std::array<inference::SceneInputsView, 1> scenes = {inference::ViewOf(engine.Inputs(0))};
   std::array<inference::SceneEncoding, 1> encodings;
-  engine->session().Encode(scenes, encodings);
+  engine.session().Encode(scenes, encodings);
 
   const Eigen::VectorXd& probabilities = encodings[0].probabilities;
   constexpr double kSumTolerance = 1e-5;
@@ -65,7 +70,7 @@ absl::Status ServedModel::AnswerEmptyScene() {
   std::vector<int> actions(static_cast<size_t>(model_->spec().actions()));
   std::iota(actions.begin(), actions.end(), 0);
   for (const inference::ActionDistribution& action :
-       engine->session().Describe(encodings[0], actions, inference::LatentSource::kPosterior)) {
+       engine.session().Describe(encodings[0], actions, inference::LatentSource::kPosterior)) {
     if (action.sigma.empty() || !action.mean().allFinite() ||
         !action.moment_covariance.allFinite()) {
       return absl::InternalError(absl::StrCat(name_.ToString(), " gives action ", action.action,

@@ -6,8 +6,10 @@
 #include <chrono>
 #include <cstddef>
 #include <deque>
+#include <exception>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/base/thread_annotations.h"
@@ -56,16 +58,31 @@ class ServedModel {
   // first request as fast as later ones. INTERNAL says what is wrong.
   absl::Status WarmUp();
 
-  // Borrows an idle engine, or makes a new one. So there are never more engines than threads that
-  // held one at the same time.
+  // Borrows an engine at its first use, an idle or else a new one. So there are never more engines
+  // than threads that held one at the same time.
   class Lease {
    public:
-    explicit Lease(ServedModel& model) : model_(model), engine_(model.TakeEngine()) {}
-    ~Lease() { model_.ReturnEngine(std::move(engine_)); }
+    explicit Lease(ServedModel& model) : model_(model) {}
+    ~Lease() {
+      if (engine_ != nullptr) model_.ReturnEngine(std::move(engine_));
+    }
     Lease(const Lease&) = delete;
     Lease& operator=(const Lease&) = delete;
-    Engine& operator*() { return *engine_; }
-    Engine* operator->() { return engine_.get(); }
+
+    // Calls `use` with the engine. INTERNAL, reason ENGINE_FAILED, if that throws, as libraries do
+    // (dnnl::error, std::bad_alloc). The engine is then given up, with all that it has read, and
+    // the next use has another.
+    template <typename Use>
+    absl::Status With(const Use& use) {
+      try {
+        if (engine_ == nullptr) engine_ = model_.TakeEngine();
+        use(*engine_);
+        return absl::OkStatus();
+      } catch (const std::exception& error) {
+        engine_ = nullptr;
+        return EngineFailed(model_.name(), error);
+      }
+    }
 
    private:
     ServedModel& model_;
@@ -73,7 +90,9 @@ class ServedModel {
   };
 
  private:
-  absl::Status AnswerEmptyScene();
+  static absl::Status EngineFailed(const security::ModelVersionName& name,
+                                   const std::exception& error);
+  absl::Status CheckEmptyScene(Engine& engine) const;
   std::unique_ptr<Engine> TakeEngine();
   void ReturnEngine(std::unique_ptr<Engine> engine);
 

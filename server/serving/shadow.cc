@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <exception>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -233,9 +234,21 @@ void Shadow::Compare(AnsweredRequest& request) {
     failed_.Increment(static_cast<double>(request.targets.size()));
     return;
   }
-  Differences& differences = DifferencesOf(request.answered->name().model);
-  for (const AnsweredTarget& target : request.targets) {
-    if (!CompareTarget(*versions, differences, target)) return;
+  const std::string& model = request.answered->name().model;
+  Differences& differences = DifferencesOf(model);
+  size_t begun = 0;
+  try {
+    while (begun < request.targets.size()) {
+      if (!CompareTarget(*versions, differences, request.targets[begun++])) return;
+    }
+  } catch (const std::exception& error) {  // dnnl::error, std::bad_alloc
+    // Its engines are not used again.
+    comparisons_.erase(model);
+    failed_.Increment(static_cast<double>(request.targets.size() - begun + 1));
+    Log(LogLevel::kError, "shadow failed",
+        {{"model_version", request.answered->name().ToString()},
+         {"candidate", request.candidate->name().ToString()},
+         {"reason", error.what()}});
   }
 }
 

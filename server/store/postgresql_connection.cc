@@ -13,12 +13,12 @@
 #include "absl/strings/string_view.h"
 #include "server/errors/error_details.h"
 #include "server/store/store_address.h"
+#include "server/store/store_unavailable.h"
 
 namespace maneuver::store {
 namespace {
 
 // A database that fails over is back after some seconds.
-constexpr std::chrono::seconds kRetryDelay{2};
 
 // The first line of a message of libpq: the others give advice.
 std::string FirstLine(const char* message) {
@@ -68,13 +68,6 @@ int64_t SqlRows::Int(int row, int column) const {
 std::string SqlRows::Bytes(int row, int column) const {
   return {libpq_->PQgetvalue(result_.get(), row, column),
           static_cast<size_t>(libpq_->PQgetlength(result_.get(), row, column))};
-}
-
-absl::Status StoreUnavailable(const std::string& what) {
-  return errors::WithRetryDelay(
-      errors::WithReason(absl::UnavailableError(absl::StrCat("the job store: ", what)),
-                         "STORE_UNAVAILABLE"),
-      kRetryDelay);
 }
 
 absl::StatusOr<std::unique_ptr<PostgresqlConnection>> PostgresqlConnection::Open(

@@ -65,13 +65,10 @@ class SqlRows {
   std::unique_ptr<PGresult, void (*)(PGresult*)> result_;
 };
 
-// Returns the error of a store that cannot be reached: UNAVAILABLE with the reason
-// STORE_UNAVAILABLE and a retry delay.
-absl::Status StoreUnavailable(const std::string& what);
-
 // Not thread-safe. Errors: RESOURCE_EXHAUSTED for a full disk, ALREADY_EXISTS for a second row with
 // a unique key, DATA_LOSS for damage, FAILED_PRECONDITION for a missing permission or table,
-// INTERNAL for a statement that PostgreSQL does not understand; StoreUnavailable for all else.
+// INTERNAL for a statement that PostgreSQL does not understand; StoreUnavailable
+// (store_unavailable.h) for all else.
 class PostgresqlConnection {
  public:
   // Connects. INVALID_ARGUMENT for an address that libpq does not understand or that holds a

@@ -4,6 +4,7 @@
 #include <thread>
 
 #include "absl/strings/str_cat.h"
+#include "server/store/store_unavailable.h"
 
 namespace maneuver::store {
 namespace {

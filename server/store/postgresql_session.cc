@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "server/monitoring/logging.h"
+#include "server/store/store_unavailable.h"
 
 namespace maneuver::store {
 namespace {

@@ -13,6 +13,7 @@
 #include "server/store/postgresql_dataset_ledger.h"
 #include "server/store/postgresql_listener.h"
 #include "server/store/postgresql_session.h"
+#include "server/store/store_unavailable.h"
 #include "server/store/stored_job.h"
 
 namespace maneuver::store {

@@ -14,8 +14,9 @@
 namespace maneuver::store {
 
 // Returns the error for a result code of SQLite other than OK, ROW and DONE: RESOURCE_EXHAUSTED for
-// a full disk, DATA_LOSS for a damaged file, ALREADY_EXISTS for a violated constraint, UNAVAILABLE
-// for any other. The functions below return these errors.
+// a full disk, DATA_LOSS for a damaged file, ALREADY_EXISTS for a violated constraint,
+// StoreUnavailable for any other, which is also logged, once a minute. The functions below return
+// these errors.
 //   database: adds SQLite's message; may be nullptr
 absl::Status SqliteError(sqlite3* database, int result);
 

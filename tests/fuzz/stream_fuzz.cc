@@ -68,7 +68,7 @@ struct Service {
     const auto published = models->Publish("town", folder / "finished", v1::PROMOTION_UNSPECIFIED);
     Expect(published.ok(), published.status().ToString());
     context.emplace(rpc::PredictionContext{
-        *models, scheduler, maps, send_memory, disk, {.map_by_id = true}, *access});
+        *models, scheduler, maps, send_memory, disk, disk, {.map_by_id = true}, *access});
   }
 
   monitoring::MetricRegistry& metrics = monitoring::MetricRegistry::Null();

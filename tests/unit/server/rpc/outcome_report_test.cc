@@ -127,6 +127,7 @@ class OutcomeReportTest : public ::testing::Test {
                                                               .maps = maps_,
                                                               .send_memory = send_memory_,
                                                               .blocking = blocking_,
+                                                              .loading = blocking_,
                                                               .limits = {},
                                                               .access = *access_,
                                                               .past_answers = &past_answers_});

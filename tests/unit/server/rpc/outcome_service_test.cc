@@ -26,7 +26,7 @@ class OutcomeServiceTest : public ServerTest {
   void Start(size_t most_waiting, const security::AccessOptions& access = {}) {
     outcome_access_ = *security::AccessControl::Create(access, *metrics_);
     outcome_context_ = std::make_unique<PredictionContext>(PredictionContext{
-        *models_, *scheduler_, maps_, outcome_memory_, *disk_, {}, *outcome_access_});
+        *models_, *scheduler_, maps_, outcome_memory_, *disk_, *loading_, {}, *outcome_access_});
     scoring_ = std::make_unique<WorkerPool>(1, most_waiting);
     outcomes_ = std::make_unique<OutcomeService>(*outcome_context_, outcome_metrics_, *scoring_);
     auto server = Server::Start({"127.0.0.1", 0},

@@ -78,8 +78,15 @@ class ServerTest : public ::testing::Test {
     scheduler_ = std::make_unique<serving::BatchScheduler>(
         serving::SchedulerOptions{.workers = 2, .queue = {.max_queue = 100}}, *metrics_);
     disk_ = std::make_unique<WorkerPool>(2, 100);
-    context_ = std::make_unique<PredictionContext>(PredictionContext{
-        *models_, *scheduler_, maps_, send_memory_, *disk_, {.map_by_id = true}, *access_});
+    loading_ = std::make_unique<WorkerPool>(1, 100);
+    context_ = std::make_unique<PredictionContext>(PredictionContext{*models_,
+                                                                     *scheduler_,
+                                                                     maps_,
+                                                                     send_memory_,
+                                                                     *disk_,
+                                                                     *loading_,
+                                                                     {.map_by_id = true},
+                                                                     *access_});
     predictions_ = std::make_unique<PredictionService>(*context_);
     version_uploads_ = std::make_unique<serving::VersionUploads>(folder_ / "models", *versions_,
                                                                  *models_, std::chrono::hours(1));
@@ -116,6 +123,7 @@ class ServerTest : public ::testing::Test {
     closed_ = nullptr;
     if (server_ != nullptr) server_->Shutdown(std::chrono::system_clock::now());
     server_ = nullptr;
+    loading_ = nullptr;
     disk_ = nullptr;
     scheduler_ = nullptr;
   }
@@ -186,6 +194,7 @@ class ServerTest : public ::testing::Test {
   std::unique_ptr<serving::BatchScheduler> scheduler_;
   serving::MapCache maps_{{.max_maps = 2}, *metrics_};
   std::unique_ptr<WorkerPool> disk_;
+  std::unique_ptr<WorkerPool> loading_;
   std::unique_ptr<PredictionContext> context_;
   std::unique_ptr<PredictionService> predictions_;
   std::unique_ptr<ModelService> model_service_;

@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 
+#include <future>
 #include <latch>
 #include <limits>
 
@@ -275,6 +276,67 @@ TEST_F(ServerTest, LoadsTheRequestedVersionIfItIsNotInMemory) {
   v1::PredictResponse response;
   ASSERT_TRUE(Predict(request, &response).ok());
   EXPECT_EQ(response.model_version(), "models/town/versions/2");
+}
+
+TEST_F(ServerTest, WhileVersionsAreLoadedOtherCallsAreAnswered) {
+  Publish();
+  Publish();
+  v1::PredictRequest request = OneScene();
+  request.set_model("models/town/versions/2");
+  networks_.CloseGate();  // before a version serves it answers an empty scene
+  constexpr int kMoreThanThreads = 3;
+  std::vector<v1::PredictResponse> responses(kMoreThanThreads);
+  std::latch finished(kMoreThanThreads);
+  for (v1::PredictResponse& response : responses) {
+    PredictionRun::Start(*context_, PredictIo(request, &response), serving::TimePoint::max(),
+                         /*request=*/nullptr, [&](const absl::Status& status) {
+                           EXPECT_TRUE(status.ok()) << status;
+                           finished.count_down();
+                         });
+  }
+  grpc::ClientContext context;
+  context.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(30));
+  v1::ListModelVersionsRequest list;
+  list.set_parent("models/town");
+  v1::ListModelVersionsResponse versions;
+  const grpc::Status status = model_stub_->ListModelVersions(&context, list, &versions);
+  EXPECT_TRUE(status.ok()) << status.error_message();
+  EXPECT_EQ(versions.model_versions_size(), 2);
+  networks_.OpenGate();
+  finished.wait();
+}
+
+TEST_F(ServerTest, WhileTooMuchWaitsForTheDiskADeletionIsAcceptedNevertheless) {
+  constexpr int kThreads = 2;
+  std::latch busy(kThreads);
+  std::latch released(1);
+  for (int i = 0; i < kThreads; ++i) {
+    ASSERT_TRUE(disk_->Post([&] {
+      busy.count_down();
+      released.wait();
+    }));
+  }
+  busy.wait();
+  while (disk_->Post([] {})) {
+  }
+  {
+    grpc::ClientContext context;
+    v1::ListModelVersionsRequest request;
+    request.set_parent("models/town");
+    v1::ListModelVersionsResponse response;
+    EXPECT_EQ(Reason(model_stub_->ListModelVersions(&context, request, &response)),
+              "TOO_MANY_REQUESTS");
+  }
+  auto deletion = std::async(std::launch::async, [this] {
+    grpc::ClientContext context;
+    v1::DeleteModelVersionRequest request;
+    request.set_name("models/town/versions/1");
+    google::protobuf::Empty response;
+    return model_stub_->DeleteModelVersion(&context, request, &response);
+  });
+  EXPECT_EQ(deletion.wait_for(std::chrono::milliseconds(100)), std::future_status::timeout);
+  released.count_down();
+  EXPECT_EQ(deletion.get().error_code(), grpc::StatusCode::NOT_FOUND);
 }
 
 TEST_F(ServerTest, TheShadowGetsARequestAfterItsCallerWasAnswered) {

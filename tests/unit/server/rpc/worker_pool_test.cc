@@ -37,6 +37,30 @@ TEST(WorkerPoolTest, RefusesWorkBeyondTheLimitButNoContinuation) {
   EXPECT_EQ(runs, 2);
 }
 
+TEST(WorkerPoolTest, ReservedWorkHasTwiceTheLimits) {
+  std::promise<void> started;
+  std::promise<void> release;
+  std::atomic<int> runs = 0;
+  {
+    WorkerPool pool(1, 2, 100);
+    ASSERT_TRUE(pool.Post([&] {
+      started.set_value();
+      release.get_future().wait();
+    }));
+    started.get_future().wait();
+    EXPECT_TRUE(pool.Post([&] { ++runs; }, 60));
+    EXPECT_FALSE(pool.Post([&] { ++runs; }, 60));
+    EXPECT_TRUE(pool.PostReserved([&] { ++runs; }, 60));
+    EXPECT_FALSE(pool.Post([&] { ++runs; }));
+    EXPECT_FALSE(pool.PostReserved([&] { ++runs; }, 100));
+    EXPECT_TRUE(pool.PostReserved([&] { ++runs; }));
+    EXPECT_TRUE(pool.PostReserved([&] { ++runs; }));
+    EXPECT_FALSE(pool.PostReserved([&] { ++runs; }));
+    release.set_value();
+  }
+  EXPECT_EQ(runs, 4);
+}
+
 TEST(WorkerPoolTest, RefusesWorkThatTogetherKeepsTooMuchInMemory) {
   std::promise<void> started;
   std::promise<void> release;

@@ -631,8 +631,56 @@ TEST_F(BatchSchedulerTest, WithholdsAnAnswerWhoseTrajectoryIsNotFinite) {
   const Answers answers = Ask(*scheduler, scene_).answers.get();
   EXPECT_EQ(errors::ReasonOf(answers[0].status), "ANSWER_UNSOUND");
   const std::string log = testing::internal::GetCapturedStderr();
-  EXPECT_THAT(log, HasSubstr("unsound answer withheld"));
+  EXPECT_THAT(log, HasSubstr("answer withheld"));
   EXPECT_THAT(log, HasSubstr("scenario_sha256=" + files::Sha256Hex(scene_.SerializeAsString())));
+}
+
+TEST_F(BatchSchedulerTest, AnEngineThatFailsCostsItsBatchAndIsReplaced) {
+  int engines = 0;
+  networks_.on_new_session = [&] { ++engines; };
+  networks_.failing_batches = {0};
+  const auto scheduler = Scheduler(1, {});
+  const Answers failed = Ask(*scheduler, scene_, 2).answers.get();
+  for (const TargetAnswer& answer : failed) {
+    EXPECT_EQ(answer.status.code(), absl::StatusCode::kInternal);
+    EXPECT_EQ(errors::ReasonOf(answer.status), "ENGINE_FAILED");
+  }
+  EXPECT_EQ(Metric("maneuver_targets_total{outcome=\"unsound\"}"), "2");
+  EXPECT_TRUE(Ask(*scheduler, scene_).answers.get()[0].status.ok());
+  EXPECT_EQ(engines, 2);
+  EXPECT_TRUE(Ask(*scheduler, scene_).answers.get()[0].status.ok());
+  EXPECT_EQ(engines, 2);
+}
+
+TEST_F(BatchSchedulerTest, AnEngineThatFailsForOneTargetAnswersTheOthers) {
+  networks_.failing_descriptions = {1};
+  const auto scheduler = Scheduler(1, {});
+  const Answers answers = Ask(*scheduler, scene_, 3).answers.get();
+  EXPECT_TRUE(answers[0].status.ok());
+  EXPECT_EQ(errors::ReasonOf(answers[1].status), "ENGINE_FAILED");
+  EXPECT_TRUE(answers[2].status.ok());
+  EXPECT_EQ(Metric("maneuver_targets_total{outcome=\"answered\"}"), "2");
+  EXPECT_EQ(Metric("maneuver_targets_total{outcome=\"unsound\"}"), "1");
+}
+
+TEST_F(BatchSchedulerTest, AnEngineThatFailsWhileTargetsAreCombinedFailsThem) {
+  // Each target is described, then the actions of the combinations.
+  networks_.failing_descriptions = {2};
+  const auto scheduler = Scheduler(1, {});
+  const v1::Scenario both = FaceToFace();
+  Asked asked = Prepare(both);
+  DescribeActions question{TopK{1}};
+  question.combinations = 6;
+  asked.call->question = question;
+  asked.call->targets = {{&both, 7, scene::Pose2(), {}},
+                         {&both, 8, scene::Pose2(2.5, 0.0, M_PI), {}}};
+  ASSERT_TRUE(scheduler->Submit(asked.call).ok());
+  for (const TargetAnswer& answer : asked.answers.get()) {
+    EXPECT_EQ(errors::ReasonOf(answer.status), "ENGINE_FAILED");
+  }
+  EXPECT_THAT(asked.call->joint[0].found.combinations, SizeIs(0));
+  EXPECT_EQ(Metric("maneuver_targets_total{outcome=\"answered\"}"), "0");
+  EXPECT_EQ(Metric("maneuver_targets_total{outcome=\"unsound\"}"), "2");
 }
 
 }  // namespace

@@ -4,13 +4,14 @@
 #ifndef MANEUVER_TESTS_UNIT_SERVER_SERVING_FAKE_ACTION_MODEL_H_
 #define MANEUVER_TESTS_UNIT_SERVER_SERVING_FAKE_ACTION_MODEL_H_
 
-#include <atomic>
 #include <condition_variable>
 #include <functional>
 #include <limits>
 #include <memory>
 #include <mutex>
+#include <new>
 #include <numeric>
+#include <set>
 #include <vector>
 
 #include "maneuver/v1/model.pb.h"
@@ -68,6 +69,10 @@ class FakeNetworks {
   double ahead = 0.0;       // metres that every waypoint is further along x
   int unsound_action = -1;  // its covariances are no numbers
 
+  // Which calls throw, counted from 0, as a library does when memory is short.
+  std::set<size_t> failing_batches;
+  std::set<int> failing_descriptions;
+
   // Called when a worker gets itself an engine: after the queue, before any raster. Set it before
   // the first call.
   std::function<void()> on_new_session;
@@ -78,10 +83,11 @@ class FakeNetworks {
     changed_.notify_all();
     changed_.wait(lock, [&] { return !closed_ || passes_ > 0; });
     if (closed_) --passes_;
+    if (failing_batches.contains(batches_.size() - 1)) throw std::bad_alloc();
   }
   void EnterDescribe() {
     const std::lock_guard lock(mutex_);
-    ++described_;
+    if (failing_descriptions.contains(described_++)) throw std::bad_alloc();
   }
   void EnterMeans(int actions) {
     const std::lock_guard lock(mutex_);

@@ -263,6 +263,17 @@ TEST_F(ShadowTest, CountsNonFiniteAnswersOfTheCandidateAsFailed) {
   EXPECT_EQ(Targets("compared"), 0);
 }
 
+TEST_F(ShadowTest, ACandidateWhoseEngineFailsIsComparedAnewWithTheNextRequest) {
+  candidate_.failing_batches = {warm_ups_ + 1};
+  Start();
+  Offer(3).wait();
+  EXPECT_EQ(Targets("compared"), 1);
+  EXPECT_EQ(Targets("failed"), 2);
+  Offer(3).wait();
+  EXPECT_EQ(Targets("compared"), 4);
+  EXPECT_EQ(Targets("failed"), 2);
+}
+
 TEST_F(ShadowTest, DoesNotCompareFailedTargets) {
   Start();
   PredictionCall call;

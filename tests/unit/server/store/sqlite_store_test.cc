@@ -3,12 +3,15 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sqlite3.h>
+#include <sys/resource.h>
 
+#include <csignal>
 #include <fstream>
 #include <memory>
 #include <string>
 #include <utility>
 
+#include "server/errors/error_details.h"
 #include "tests/unit/server/store/store_suite.h"
 #include "tests/unit/temporary_folder.h"
 
@@ -123,6 +126,47 @@ TEST_F(SqliteStoreTest, ItCanBeCopiedWhileItIsOpen) {
   EXPECT_EQ(sqlite3_backup_finish(backup), SQLITE_OK);
   sqlite3_close(copy);
   sqlite3_close(reader);
+}
+
+// No file may grow while it exists, and so SQLite's writes fail with an error of the disk.
+class FilesCannotGrow {
+ public:
+  FilesCannotGrow() : handler_(std::signal(SIGXFSZ, SIG_IGN)) {
+    getrlimit(RLIMIT_FSIZE, &before_);
+    const rlimit none = {.rlim_cur = 0, .rlim_max = before_.rlim_max};
+    setrlimit(RLIMIT_FSIZE, &none);
+  }
+  ~FilesCannotGrow() {
+    setrlimit(RLIMIT_FSIZE, &before_);
+    std::signal(SIGXFSZ, handler_);
+  }
+  FilesCannotGrow(const FilesCannotGrow&) = delete;
+  FilesCannotGrow& operator=(const FilesCannotGrow&) = delete;
+
+ private:
+  rlimit before_ = {};
+  void (*const handler_)(int);
+};
+
+TEST_F(SqliteStoreTest, AnErrorOfTheDiskSaysThatItWillPass) {
+  {
+    const FilesCannotGrow disk;
+    const absl::Status failed = store_->Add(PendingJob("a"), "", "");
+    EXPECT_TRUE(absl::IsUnavailable(failed)) << failed;
+    EXPECT_TRUE(errors::IsStoreAway(failed));
+    EXPECT_TRUE(errors::RetryDelay(failed).has_value());
+  }
+  EXPECT_TRUE(store_->Add(PendingJob("a"), "", "").ok());
+}
+
+TEST_F(SqliteStoreTest, AFileThatAnotherProcessWritesToSaysThatItWillPass) {
+  sqlite3* writer = nullptr;
+  ASSERT_EQ(sqlite3_open(file_.c_str(), &writer), SQLITE_OK);
+  ASSERT_EQ(sqlite3_exec(writer, "BEGIN IMMEDIATE", nullptr, nullptr, nullptr), SQLITE_OK);
+  const absl::Status failed = store_->Add(PendingJob("a"), "", "");
+  EXPECT_TRUE(errors::IsStoreAway(failed)) << failed;
+  EXPECT_THAT(std::string(failed.message()), HasSubstr("another process uses it"));
+  sqlite3_close(writer);
 }
 
 TEST_F(SqliteStoreTest, ANewerSchemaIsRefused) {
