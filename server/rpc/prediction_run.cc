@@ -50,7 +50,7 @@ void PredictionRun::FindModel() {
   }
   auto model = context_.models.Find(*reference);
   if (model.ok() && *model == nullptr) {
-    const bool accepted = context_.blocking.Post(
+    const bool accepted = context_.loading.Post(
         [self = shared_from_this(), reference = *reference] {
           auto loaded = self->context_.models.Load(reference);
           const auto status = loaded.ok() ? self->Submit(*std::move(loaded)) : loaded.status();
