@@ -229,7 +229,7 @@ constexpr char kLanes[] = R"pb(
     action_geometry { pair_width: 32 attention_heads: 2 features: 64 }
     mean_residual: true
     scene_covariance { hidden: [ 32 ] }
-    inputs_version: 2
+    inputs_version: 3
   }
   examples {
     validation_share: 0.05

@@ -13,16 +13,16 @@ namespace {
 
 constexpr double kAgentReach = 50.0;         // metres, between the centres
 constexpr double kAgentChangeTime = 0.5;     // seconds, over which changes are read
+constexpr double kEarlierTolerance = 0.05;   // seconds, of the state before
 constexpr double kLatestMeeting = 8.0;       // seconds
 constexpr double kLeastSquaredSpeed = 1e-6;  // m^2/s^2; slower agents do not come nearer
 constexpr double kLargestAgentNumber = 8.0;  // of positions, velocities and sizes
 constexpr double kLargestAgentChange = 4.0;  // of changes
 
-// An agent and its present state.
 struct NearAgent {
   double squared_distance;  // recorded world, square metres
   const v1::Agent* agent;
-  const v1::AgentState* state;
+  PresentState present;
 };
 
 // Keeps the nearest agents of those that are offered, in ascending order of their distance.
@@ -46,17 +46,16 @@ class NearestAgents {
 };
 
 NearestAgents FindNearestAgents(const v1::Scenario& scenario, double time, int64_t target_id,
-                                const Pose2& X_WT, double reach) {
+                                const Pose2& X_WT, double reach, int inputs_version) {
   NearestAgents nearest;
   for (const v1::Agent& agent : scenario.agents()) {
     if (agent.id() == target_id) continue;
-    const int index = FindState(agent, time, kAgentTolerance, time + kSameTime);
-    if (index < 0) continue;
-    const v1::AgentState& state = agent.states(index);
-    const double dx = state.x() - X_WT.x();
-    const double dy = state.y() - X_WT.y();
+    const auto present = PresentOf(agent, time, OthersTolerance(inputs_version), inputs_version);
+    if (!present) continue;
+    const double dx = present->position.x - X_WT.x();
+    const double dy = present->position.y - X_WT.y();
     const double squared_distance = dx * dx + dy * dy;
-    if (squared_distance < reach * reach) nearest.Offer({squared_distance, &agent, &state});
+    if (squared_distance < reach * reach) nearest.Offer({squared_distance, &agent, *present});
   }
   return nearest;
 }
@@ -64,7 +63,7 @@ NearestAgents FindNearestAgents(const v1::Scenario& scenario, double time, int64
 // Returns the agent's state about half a second before `present`, or nullptr.
 const v1::AgentState* FindEarlierState(const v1::Agent& agent, const v1::AgentState& present) {
   const int index =
-      FindState(agent, present.time() - kAgentChangeTime, kAgentTolerance, present.time());
+      FindState(agent, present.time() - kAgentChangeTime, kEarlierTolerance, present.time());
   return index < 0 ? nullptr : &agent.states(index);
 }
 
@@ -87,8 +86,9 @@ class AgentWriter {
         speed_(view.scale * speed),
         next_(values) {}
 
-  void Write(const v1::Agent& agent, const v1::AgentState& state) {
-    const Point2 position = InView(X_WT_.ToLocal({state.x(), state.y()}));
+  void Write(const v1::Agent& agent, const PresentState& present) {
+    const v1::AgentState& state = *present.state;
+    const Point2 position = InView(X_WT_.ToLocal(present.position));
     const Point2 velocity =
         InView(Pose2(0.0, 0.0, X_WT_.heading()).ToLocal({state.velocity_x(), state.velocity_y()}));
     WritePose(position, left_ * TurnBetween(X_WT_.heading(), state.heading()));
@@ -167,14 +167,14 @@ class AgentWriter {
 }  // namespace
 
 void DescribeAgents(const v1::Scenario& scenario, double time, int64_t target_id, const Pose2& X_WT,
-                    double speed, const WorldView& view, AgentInputs* inputs) {
+                    double speed, const WorldView& view, int inputs_version, AgentInputs* inputs) {
   assert(view.scale > 0.0);
-  const NearestAgents nearest =
-      FindNearestAgents(scenario, time, target_id, X_WT, kAgentReach / view.scale);
+  const NearestAgents nearest = FindNearestAgents(scenario, time, target_id, X_WT,
+                                                  kAgentReach / view.scale, inputs_version);
   inputs->count = static_cast<int>(nearest.count());
   inputs->values.fill(0.0F);
   AgentWriter writer(X_WT, speed, view, inputs->values.data());
-  for (size_t i = 0; i < nearest.count(); ++i) writer.Write(*nearest[i].agent, *nearest[i].state);
+  for (size_t i = 0; i < nearest.count(); ++i) writer.Write(*nearest[i].agent, nearest[i].present);
 }
 
 }  // namespace maneuver::scene

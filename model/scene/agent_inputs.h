@@ -1,7 +1,8 @@
 // The agents near a target, as numbers for the networks.
 //
-// An agent other than the target is described if it has a state at most kAgentTolerance before the
-// given time and its centre is less than 50 m from the target's. Its type does not matter. The
+// An agent other than the target is described if its latest state is at most OthersTolerance old at
+// the given time (target_frame.h), from which it has gone on at its velocity, and its centre is
+// less than 50 m from the target's. Its type does not matter. The
 // nearest kMostNearAgents of them count, nearest first. Agents at equal distance keep the
 // scenario's order.
 //
@@ -27,8 +28,8 @@
 //   20, 21  exp(-d* / 2 m), exp(-d* / 8 m)
 //   22, 23  x and y of the agent at t*, in the frame that the target has now, by 20 m
 //
-// An agent's earlier state is the one nearest to half a second before its present state. It must
-// lie within kAgentTolerance of that time. Differences of heading are wrapped to -pi .. pi.
+// An agent's earlier state is the one nearest to half a second before its latest state. It must
+// lie within 0.05 s of that time. Differences of heading are wrapped to -pi .. pi.
 //
 // 0, 1, 6 .. 9, 14, 15, 22 and 23 are clamped to -8 .. 8. All numbers are finite for any finite
 // scenario, and none exceeds 8 in magnitude.
@@ -53,8 +54,6 @@ namespace maneuver::scene {
 
 inline constexpr int kMostNearAgents = 12;
 inline constexpr int kAgentInputs = 24;  // numbers per agent
-// How old an agent's state may be, seconds.
-inline constexpr double kAgentTolerance = 0.05;
 
 struct AgentInputs {
   int count = 0;  // number of agents, 0 .. kMostNearAgents
@@ -68,8 +67,9 @@ struct AgentInputs {
 //   X_WT: the target's frame. Position and heading come from here, not from the agent's state.
 //   speed: of the target, along its heading, in the recorded world whatever the view's scale, m/s;
 //     negative when it moves backwards.
+//   inputs_version: ModelSpec.inputs_version
 void DescribeAgents(const v1::Scenario& scenario, double time, int64_t target_id, const Pose2& X_WT,
-                    double speed, const WorldView& view, AgentInputs* inputs);
+                    double speed, const WorldView& view, int inputs_version, AgentInputs* inputs);
 
 }  // namespace maneuver::scene
 

@@ -6,6 +6,8 @@
 //   - the reference of a vehicle that has just stopped: motion_reference.h
 //   - which of several lane paths that lead the same way count: lane_paths.h
 //   - the direction of a lane that begins or ends near the target: action_geometry.h
+//   - since version 3, where an agent is whose latest state is a little old: target_frame.h
+//   - since version 3, how far away a signal or a stop sign is that is not there: lane_paths.h
 //
 // 0 means 1. Versions are of rules, not of sizes: with another kLanePathInputs, kAgentInputs,
 // kHistoryInputs, kPairNumbers or kActionNumbers no stored model that reads these numbers loads
@@ -16,7 +18,7 @@
 
 namespace maneuver::scene {
 
-inline constexpr int kLatestInputsVersion = 2;
+inline constexpr int kLatestInputsVersion = 3;
 
 }  // namespace maneuver::scene
 

@@ -361,21 +361,16 @@ class LanePathFinder::Search {
         own_length_ = agent.length();
         continue;
       }
-      const v1::AgentState* const state = StateAt(agent, time);
-      if (state == nullptr || !is_near(state->x(), state->y())) continue;
-      others_.push_back(
-          {{state->x(), state->y()}, state->velocity_x(), state->velocity_y(), agent.length()});
+      const auto present = PresentOf(agent, time, OthersTolerance(inputs_version_), inputs_version_);
+      if (!present || !is_near(present->position.x, present->position.y)) continue;
+      others_.push_back({present->position, present->state->velocity_x(),
+                         present->state->velocity_y(), agent.length()});
     }
     stop_signs_.clear();
     for (const Point2& sign : graph.stop_signs()) {
       if (is_near(sign.x, sign.y)) stop_signs_.push_back(sign);
     }
     ReadSignals(scenario, time);
-  }
-
-  static const v1::AgentState* StateAt(const v1::Agent& agent, double time) {
-    const int index = FindState(agent, time, kLanePathTolerance, time + kSameTime);
-    return index < 0 ? nullptr : &agent.states(index);
   }
 
   void ReadSignals(const v1::Scenario& scenario, double time) {
@@ -514,16 +509,19 @@ class LanePathFinder::Search {
     }
     const double distance = signal.exists ? scale_ * signal.distance : kAbsentDistance;
     const double closeness = std::exp(-std::max(distance, 0.0) / 15.0);
-    row->Add(distance / LanePathRow::kGapScale);
+    row->Add((distance - DistanceOrigin()) / LanePathRow::kGapScale);
     row->Add(signal.state == v1::TRAFFIC_SIGNAL_STATE_STOP ? closeness : 0.0);
     row->Add(signal.state == v1::TRAFFIC_SIGNAL_STATE_CAUTION ? closeness : 0.0);
   }
+
+  // The distance of a signal or a sign for which 0 is written.
+  double DistanceOrigin() const { return inputs_version_ < 3 ? 0.0 : kAbsentDistance; }
 
   void WriteStopSign(Row* row) const {
     const SignAhead sign = FindStopSign();
     const double distance = sign.place != nullptr ? scale_ * sign.distance : kAbsentDistance;
     row->Add(sign.place != nullptr ? 1.0 : 0.0);
-    row->Add(distance / LanePathRow::kGapScale);
+    row->Add((distance - DistanceOrigin()) / LanePathRow::kGapScale);
     row->Add(sign.place != nullptr ? std::exp(-std::abs(distance) / 10.0) : 0.0);
   }
 

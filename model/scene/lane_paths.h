@@ -58,14 +58,19 @@
 //             foot, or less than 3 m behind it: 74 is 1 if its state is unknown, 75 if it shows
 //             stop, 76 caution, 77 go. All are 0 if there is none. If several signals control the
 //             lane, the most restrictive one counts.
-//         78  arc length d from the foot to the start of that lane, by 30 m; 100 m if there is none
+//         78  arc length d from the foot to the start of that lane, minus 100 m, by 30 m; 0 if
+//             there is none
 //         79  exp(-max(d, 0) / 15 m) if it shows stop, otherwise 0
 //         80  exp(-max(d, 0) / 15 m) if it shows caution, otherwise 0
 //         81  1 if a stop sign is less than 7 m from the path. The path is searched from 1 m behind
 //             the foot to 80 m ahead of it.
-//         82  arc length d from the foot to the point nearest to the first such sign, by 30 m;
-//             100 m if there is none
+//         82  arc length d from the foot to the point nearest to the first such sign, minus 100 m,
+//             by 30 m; 0 if there is none
 //         83  exp(-|d| / 10 m) if there is one, otherwise 0
+//
+// So 74 .. 83 are all 0 without signals and signs, and nothing is learned from them about scenes
+// that have some. With versions 1 and 2 of the inputs, 78 and 82 are d by 30 m, and 100 m by 30 m
+// if there is none: their weights then learn as biases do, and act where there is a signal.
 //
 // The numbers do not depend on the horizon that a model predicts. For a horizon of 3 s, some say
 // more than is needed. For 8 s, they do not tell where a lane goes beyond 100 m or beyond 5 s:
@@ -80,8 +85,8 @@
 // the target's x axis: y, sines and the offset change sign. An SE(2) transform of the whole world
 // leaves the inputs unchanged.
 //
-// Reads nothing later than the given time. An agent is where its latest state at or before that
-// time puts it. An agent without a state in the preceding kLanePathTolerance is absent. A signal
+// Reads nothing later than the given time. An agent has gone on at its velocity from its latest
+// state; one whose state is older than OthersTolerance (target_frame.h) is absent. A signal
 // shows its latest reading at or before that time; a signal without one is ignored.
 
 #ifndef MANEUVER_MODEL_SCENE_LANE_PATHS_H_
@@ -103,7 +108,6 @@
 namespace maneuver::scene {
 
 // How old an agent's state may be, seconds.
-inline constexpr double kLanePathTolerance = 0.05;
 
 // A lane path, for drawing.
 struct LanePath {

@@ -8,9 +8,9 @@
 namespace maneuver::scene {
 namespace {
 
-// Returns the time of the target's latest state at or before `time`, for which its frame holds;
-// `time` if there is none.
-double PresentOf(const v1::Agent& agent, double time) {
+// Returns the time that the vectors describe, for which the target's frame holds.
+double DescribedTime(const v1::Agent& agent, double time, int inputs_version) {
+  if (inputs_version >= 3) return time;
   const int latest = FindState(agent, time, HUGE_VAL, time + kSameTime);
   return latest < 0 ? time : agent.states(latest).time();
 }
@@ -48,7 +48,8 @@ void SceneReader::ReadVectors(const v1::Scenario& scenario, const RoadMap& map, 
                               int64_t target_id, const Pose2& X_WT, SceneInputs* inputs) {
   if (!spec_.has_scene_vectors()) return;
   const v1::Agent* const agent = FindAgent(scenario, target_id);
-  const double present = agent == nullptr ? time : PresentOf(*agent, time);
+  const int version = spec_.inputs_version();
+  const double present = agent == nullptr ? time : DescribedTime(*agent, time, version);
   const TargetHistory history =
       agent == nullptr ? TargetHistory() : ResampleHistory(*agent, present, X_WT);
   SceneVectors& vectors = inputs->vectors;
@@ -59,7 +60,8 @@ void SceneReader::ReadVectors(const v1::Scenario& scenario, const RoadMap& map, 
                       &vectors.paths);
   }
   if (spec_.scene_vectors().agent_width() > 0) {
-    DescribeAgents(scenario, present, target_id, X_WT, vectors.motion.speed, {}, &vectors.agents);
+    DescribeAgents(scenario, present, target_id, X_WT, vectors.motion.speed, {}, version,
+                   &vectors.agents);
   }
 }
 

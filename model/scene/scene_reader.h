@@ -38,9 +38,10 @@ class SceneReader {
   // Reads `scenario` as it was at `time`, which replaces its prediction_time. Reads nothing later.
   // ValidateScenario must accept the scenario.
   //   map: the scenario's own features (RoadMap::Over), or other features that replace them.
-  //   target_id, X_WT: the target, and its frame from its latest state at or before `time`
-  //     (TargetPose). The vectors describe the time of that state. A target that the scenario lacks
-  //     is described as standing still.
+  //   target_id, X_WT: the target, and its frame (TargetPose, for the model's inputs_version). A
+  //     target that the scenario lacks is described as standing still. With versions 1 and 2 of the
+  //     inputs the vectors describe the time of the target's latest state, not `time`. A raster
+  //     shows each agent where its states put it.
   //   inputs: from NewInputs().
   void Read(const v1::Scenario& scenario, const RoadMap& map, double time, int64_t target_id,
             const Pose2& X_WT, SceneInputs* inputs);

@@ -42,11 +42,22 @@ const v1::TrafficSignalReading* LatestReading(const v1::TrafficSignal& signal, d
   return after == readings.begin() ? nullptr : &*(after - 1);
 }
 
-std::optional<Pose2> TargetPose(const v1::Agent& agent, double time, double tolerance) {
+std::optional<PresentState> PresentOf(const v1::Agent& agent, double time, double tolerance,
+                                      int inputs_version) {
   const int index = FindState(agent, time, tolerance, time + kSameTime);
   if (index < 0) return std::nullopt;
   const v1::AgentState& state = agent.states(index);
-  return Pose2(state.x(), state.y(), state.heading());
+  const double age = time - state.time();
+  if (inputs_version < 3 || age <= kSameTime) return PresentState{&state, {state.x(), state.y()}};
+  return PresentState{
+      &state, {state.x() + age * state.velocity_x(), state.y() + age * state.velocity_y()}};
+}
+
+std::optional<Pose2> TargetPose(const v1::Agent& agent, double time, double tolerance,
+                                int inputs_version) {
+  const auto present = PresentOf(agent, time, tolerance, inputs_version);
+  if (!present) return std::nullopt;
+  return Pose2(present->position.x, present->position.y, present->state->heading());
 }
 
 }  // namespace maneuver::scene

@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "maneuver/v1/scenario.pb.h"
+#include "model/scene/inputs_version.h"
 #include "model/scene/pose2.h"
 
 namespace maneuver::scene {
@@ -27,9 +28,26 @@ int FindState(const v1::Agent& agent, double time, double tolerance, double late
 // Returns the latest reading of a signal at or before `time` + kSameTime, or nullptr.
 const v1::TrafficSignalReading* LatestReading(const v1::TrafficSignal& signal, double time);
 
-// Returns X_WT of an agent at `time`: the pose of its nearest state that is at or before `time` +
-// kSameTime and at most `tolerance` seconds old. Returns nothing if there is no such state.
-std::optional<Pose2> TargetPose(const v1::Agent& agent, double time, double tolerance);
+// Where an agent is at a time.
+struct PresentState {
+  const v1::AgentState* state;  // the latest at or before that time (+ kSameTime)
+  Point2 position;              // world, metres
+};
+
+// Returns where an agent is at `time`; nothing if its latest state is more than `tolerance` seconds
+// old (+ kSameTime). From that state it has gone on at the state's velocity. With versions 1 and 2
+// of the inputs (inputs_version.h) it is where the state says.
+std::optional<PresentState> PresentOf(const v1::Agent& agent, double time, double tolerance,
+                                      int inputs_version);
+
+// Returns X_WT of an agent at `time`: its position as PresentOf has it, and the heading of that
+// state. Returns nothing if there is no such state.
+std::optional<Pose2> TargetPose(const v1::Agent& agent, double time, double tolerance,
+                                int inputs_version = kLatestInputsVersion);
+
+// Returns how old the state of an agent that is not the target may be, seconds, for the agent to
+// count: one frame at 10 Hz may be missing. With versions 1 and 2 it may not.
+constexpr double OthersTolerance(int inputs_version) { return inputs_version < 3 ? 0.05 : 0.125; }
 
 }  // namespace maneuver::scene
 

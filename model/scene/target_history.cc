@@ -109,7 +109,7 @@ TargetHistory ResampleHistory(const v1::Agent& agent, double time, const Pose2& 
     if (wanted <= earlier_time) {
       state = Moved(earlier, wanted - earlier_time);
     } else if (wanted >= later_time) {
-      state = later;
+      state = Moved(later, wanted - later_time);
     } else {
       state = Between(earlier, later, (wanted - earlier_time) / (later_time - earlier_time));
     }

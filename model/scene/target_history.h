@@ -30,10 +30,10 @@ struct TargetHistory {
   double width = 0.0;                            // of the box, metres
 };
 
-// Returns an agent's history in the frame X_WT. The agent must have a state at `time`. Interpolates
-// linearly between recorded states. Uses no states that are more than `oldest` seconds old. Before
-// the oldest state that it uses, it assumes constant velocity and heading. Reads nothing later than
-// `time`.
+// Returns an agent's history until `time` in the frame X_WT. Interpolates linearly between recorded
+// states. Uses no states that are more than `oldest` seconds old. Before the oldest state that it
+// uses and after the latest one, it assumes constant velocity and heading. Reads nothing later than
+// `time` (+ kSameTime).
 TargetHistory ResampleHistory(const v1::Agent& agent, double time, const Pose2& X_WT,
                               double oldest = 1.0);
 

@@ -53,7 +53,7 @@ struct Queries {
         const v1::Agent* const agent = scene::FindAgent(scenes[i], id);
         if (agent == nullptr) continue;
         const auto X_WT =
-            scene::TargetPose(*agent, scenes[i].prediction_time(), scene::kLanePathTolerance);
+            scene::TargetPose(*agent, scenes[i].prediction_time(), 0.05);
         if (X_WT) queries.push_back({&scenes[i], &maps[i].lanes(), id, *X_WT});
       }
     }

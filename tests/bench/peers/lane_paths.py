@@ -439,7 +439,7 @@ def describe_paths(paths, graph, agents, signals, own_ids, own_lengths, speeds):
     if not any(paths.counts):
         return inputs
     rest = np.zeros((len(paths.owner), NUMBERS - 69))  # numbers 69 to 83
-    rest[:, 1] = rest[:, 9] = rest[:, 13] = NOBODY / 30.0
+    rest[:, 1] = NOBODY / 30.0
     passed = paths.pass_by(agents.x, agents.y, LEADER_DISTANCE, agents.ids, own_ids)
     if passed is not None:
         path, agent, at, cosine, sine = passed
@@ -462,7 +462,7 @@ def describe_paths(paths, graph, agents, signals, own_ids, own_lengths, speeds):
                 if start - foot > -3.0 and identity in signals:
                     rank, closeness = signals[identity], math.exp(-max(start - foot, 0.0) / 15.0)
                     rest[i, 5 + COLUMN_OF_RANK[rank]] = 1.0
-                    rest[i, 9] = (start - foot) / 30.0
+                    rest[i, 9] = (start - foot - NOBODY) / 30.0
                     rest[i, 10] = closeness if rank == 3 else 0.0
                     rest[i, 11] = closeness if rank == 2 else 0.0
                     break
@@ -472,7 +472,7 @@ def describe_paths(paths, graph, agents, signals, own_ids, own_lengths, speeds):
             path, _, at, _, _ = passed
             first = first_along(path, at)
             rest[path[first], 12] = 1.0
-            rest[path[first], 13] = at[first] / 30.0
+            rest[path[first], 13] = (at[first] - NOBODY) / 30.0
             rest[path[first], 14] = np.exp(-np.abs(at[first]) / 10.0)
     inputs[paths.owner, paths.row, :69] = paths.numbers
     inputs[paths.owner, paths.row, 69:] = rest

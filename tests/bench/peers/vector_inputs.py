@@ -12,6 +12,7 @@ import numpy as np
 from contract import scenario as contract
 
 SAME_TIME = 1e-6
+OTHERS_TOLERANCE = 0.125  # seconds, of the state of an agent that is not the target
 HISTORY = 42
 TIMES = np.arange(-10, 1) * 0.1  # of a history's states
 SPREAD = 1.1  # the sum of their squared distances from the mean time
@@ -43,13 +44,14 @@ class Target:
             raise ValueError(f"agent {agent.id} has no state at the prediction time")
         state = states[i]
         self.id, self.length, self.width = agent.id, agent.length, agent.width
-        self.present = state.time
-        self.pose = (state.x, state.y, math.cos(state.heading), math.sin(state.heading))
+        age = now - state.time  # since then it has gone on as it was
+        place = state.x + age * state.velocity_x, state.y + age * state.velocity_y
+        self.pose = (*place, math.cos(state.heading), math.sin(state.heading))
         heading, rows = 0.0, []
         before = state.heading
         while i >= 0:
             state = states[i]
-            time = state.time - self.present
+            time = state.time - now
             if time < -1.0 - SAME_TIME:
                 break
             heading += turn_between(before, state.heading)
@@ -58,10 +60,10 @@ class Target:
             i -= 1
         rows = np.array(rows[::-1]).T
         past = np.array([np.interp(TIMES, rows[0], row) for row in rows[1:]])
-        # Before the first state it had moved as in that state.
-        missing = np.minimum(TIMES - rows[0, 0], 0.0)
-        past[0] += missing * rows[4, 0] - self.pose[0]
-        past[1] += missing * rows[5, 0] - self.pose[1]
+        # Before the first state it had moved as in that state, and after the last one likewise.
+        missing, since = np.minimum(TIMES - rows[0, 0], 0.0), np.maximum(TIMES - rows[0, -1], 0.0)
+        past[0] += missing * rows[4, 0] + since * rows[4, -1] - self.pose[0]
+        past[1] += missing * rows[5, 0] + since * rows[5, -1] - self.pose[1]
         self.past = past
 
 
@@ -145,7 +147,8 @@ class Agents:
             if i < 0:
                 continue
             state = states[i]
-            if state.time < time - 0.05 - SAME_TIME:
+            age = time - state.time
+            if age > OTHERS_TOLERANCE + SAME_TIME:
                 continue
             speed = math.hypot(state.velocity_x, state.velocity_y)
             faster = turned = known = 0.0
@@ -162,7 +165,8 @@ class Agents:
             kind = agent.type
             rows.append(
                 (
-                    agent.id, state.x, state.y, state.heading, state.velocity_x, state.velocity_y,
+                    agent.id, state.x + age * state.velocity_x, state.y + age * state.velocity_y,
+                    state.heading, state.velocity_x, state.velocity_y,
                     speed, faster, turned, known, agent.length, agent.width,
                     kind == contract.AGENT_TYPE_VEHICLE, kind == contract.AGENT_TYPE_PEDESTRIAN,
                     kind == contract.AGENT_TYPE_CYCLIST,

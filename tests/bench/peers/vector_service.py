@@ -25,8 +25,8 @@ class VectorService:
     def __init__(self, folder, remember):
         self.networks = VectorNetworks(folder)
         spec = self.networks.spec
-        if spec.get("inputs_version", 1) != 2:
-            sys.exit("this server reads scenes by version 2 of the inputs, the model by another one")
+        if spec.get("inputs_version", 1) != 3:
+            sys.exit("this server reads scenes by version 3 of the inputs, the model by another one")
         self.reference = spec.get("reference", "TRAJECTORY_REFERENCE_NONE")
         self.interval = self.networks.interval
         self.times = [self.interval * (t + 1) for t in range(self.networks.waypoints)]
@@ -68,14 +68,12 @@ class VectorService:
         poses = np.array([target.pose for target in targets])
         paths, counts, agents, masks, begin = [], [], [], [], 0
         for scene, of_scene in zip(scenarios, by_scene):
-            end = begin + len(of_scene)
-            for part in self._presents(of_scene, begin):
-                own = (of_scene[part[0] - begin].present, ids[part], poses[part])
-                self._look(
-                    scene, *own, histories.speed[part], [targets[i].length for i in part],
-                    paths, counts, agents, masks,
-                )  # fmt: skip
-            begin = end
+            part = slice(begin, begin + len(of_scene))
+            lengths = [target.length for target in of_scene]
+            self._look(
+                scene, ids[part], poses[part], histories.speed[part], lengths, paths, counts, agents, masks
+            )
+            begin = part.stop
         paths, agents = np.concatenate(paths), np.concatenate(agents)
         counts = np.concatenate(counts)
         reference = histories.roll_out(self.reference, self.networks.waypoints, self.interval)
@@ -95,17 +93,8 @@ class VectorService:
         now = scene.prediction_time
         return [Target(agents[identity], now, TOLERANCE) for identity in scene.target_ids]
 
-    @staticmethod
-    def _presents(targets, begin):
-        """Indices of consecutive targets whose present is the same time."""
-        parts = []
-        for i, target in enumerate(targets):
-            if i == 0 or target.present != targets[i - 1].present:
-                parts.append([])
-            parts[-1].append(begin + i)
-        return parts
-
-    def _look(self, scene, time, ids, poses, speeds, lengths, paths, counts, agents, masks):
+    def _look(self, scene, ids, poses, speeds, lengths, paths, counts, agents, masks):
+        time = scene.prediction_time
         others = Agents(scene, time)
         graph, of_place = self._paths(scene, ids, poses, speeds)
         signals = signals_of(scene, time)

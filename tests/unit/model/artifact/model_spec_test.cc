@@ -96,7 +96,7 @@ INSTANTIATE_TEST_SUITE_P(
               "action_geometry.pair_width"},
         Fault{"TypeTwice", "target_types: [ AGENT_TYPE_VEHICLE, AGENT_TYPE_VEHICLE ]",
               "target_types[1]"},
-        Fault{"InputsOfALaterVersion", "inputs_version: 3", "inputs_version"},
+        Fault{"InputsOfALaterVersion", "inputs_version: 4", "inputs_version"},
         Fault{"TypeNotStated", "target_types: AGENT_TYPE_UNSPECIFIED", "target_types[0]"}),
     [](const testing::TestParamInfo<Fault>& fault) { return fault.param.name; });
 

@@ -53,10 +53,12 @@ struct World {
   }
 };
 
-AgentInputs Describe(const World& world, const WorldView& view = {}) {
+AgentInputs Describe(const World& world, const WorldView& view = {},
+                     int version = kLatestInputsVersion) {
   AgentInputs inputs;
   inputs.values.fill(7.0F);
-  DescribeAgents(world.scenario, kTime, kTarget, world.X_WT, world.speed, view, &inputs);
+  DescribeAgents(world.scenario, kTime, kTarget, world.X_WT, world.speed, view, version,
+                 &inputs);
   for (size_t i = static_cast<size_t>(inputs.count * kAgentInputs); i < inputs.values.size(); ++i) {
     EXPECT_EQ(inputs.values[i], 0.0F) << "beyond the last agent";
   }
@@ -253,14 +255,27 @@ TEST(AgentInputsTest, DoesNotDescribeTheTarget) {
   EXPECT_EQ(Describe(World()).count, 0);
 }
 
-TEST(AgentInputsTest, DescribesAgentsOfTheLast50Milliseconds) {
-  World world;
-  world.Add(1, {{5.0, 0.0}}, kTime - 0.05);
-  world.Add(2, {{4.0, 0.0}}, kTime - 0.06);
+TEST(AgentInputsTest, AnAgentGoesOnFromAStateThatIsALittleOld) {
+  World world{.X_WT = {30.0, -20.0, 0.4}};
+  world.Add(1, {{5.0, 1.0}, {20.0, -4.0}}, kTime - 0.125);
+  world.Add(2, {{4.0, 0.0}}, kTime - 0.13);
   world.Add(3, {{3.0, 0.0}}, kTime + 0.01);
   const AgentInputs inputs = Describe(world);
   ASSERT_EQ(inputs.count, 1);
-  EXPECT_NEAR(At(inputs, 0, kX), 0.25, 1e-6);
+  EXPECT_NEAR(At(inputs, 0, kX), (5.0 + 0.125 * 20.0) / 20.0, 1e-5);
+  EXPECT_NEAR(At(inputs, 0, kY), (1.0 - 0.125 * 4.0) / 20.0, 1e-5);
+}
+
+TEST(AgentInputsTest, InEarlierVersionsAnAgentStaysWhereAStateOfTheLast50MillisecondsIs) {
+  World world;
+  world.Add(1, {{5.0, 0.0}, {20.0, 0.0}}, kTime - 0.05);
+  world.Add(2, {{4.0, 0.0}}, kTime - 0.06);
+  world.Add(3, {{3.0, 0.0}}, kTime + 0.01);
+  for (const int version : {0, 1, 2}) {
+    const AgentInputs inputs = Describe(world, {}, version);
+    ASSERT_EQ(inputs.count, 1);
+    EXPECT_NEAR(At(inputs, 0, kX), 0.25, 1e-6);
+  }
 }
 
 TEST(AgentInputsTest, ReadsNothingLater) {

@@ -154,11 +154,11 @@ TEST(LanePathsTest, DescribesAStraightLane) {
   EXPECT_EQ(At(inputs, 0, kSpeedDifference), 0.0F);
   EXPECT_EQ(At(inputs, 0, kCloseness), 0.0F);
   for (int i = 0; i < 4; ++i) EXPECT_EQ(At(inputs, 0, kSignalAt + i), 0.0F);
-  EXPECT_NEAR(At(inputs, 0, kSignalDistance), 100.0 / 30.0, 1e-6);
+  EXPECT_EQ(At(inputs, 0, kSignalDistance), 0.0F);
   EXPECT_EQ(At(inputs, 0, kStopCloseness), 0.0F);
   EXPECT_EQ(At(inputs, 0, kCautionCloseness), 0.0F);
   EXPECT_EQ(At(inputs, 0, kStopSign), 0.0F);
-  EXPECT_NEAR(At(inputs, 0, kStopSignDistance), 100.0 / 30.0, 1e-6);
+  EXPECT_EQ(At(inputs, 0, kStopSignDistance), 0.0F);
   EXPECT_EQ(At(inputs, 0, kStopSignCloseness), 0.0F);
   for (size_t i = kLanePathInputs; i < inputs.values.size(); ++i) {
     EXPECT_EQ(inputs.values[i], 0.0F);
@@ -391,7 +391,7 @@ TEST(LanePathsTest, TheLeaderIsTheFirstAgentOnThePath) {
   world.AddOther(3, {20.0, 2.4}, {3.0, 0.0});                // 1.9 m to the left
   world.AddOther(4, {1.4, 0.5}, {3.0, 0.0});                 // beside the target
   world.AddOther(5, {-5.0, 0.5}, {3.0, 0.0});                // behind
-  world.AddOther(6, {10.0, 0.5}, {3.0, 0.0}, kTime - 0.06);  // no longer present
+  world.AddOther(6, {10.0, 0.5}, {3.0, 0.0}, kTime - 0.13);  // no longer present
   const LanePathInputs inputs = Find(world);
   ASSERT_EQ(inputs.count, 1);
   const double gap = 30.0 - 0.5 * (4.0 + 5.0);
@@ -400,6 +400,25 @@ TEST(LanePathsTest, TheLeaderIsTheFirstAgentOnThePath) {
   EXPECT_NEAR(At(inputs, 0, kLeaderSpeed), 0.8, 1e-5);
   EXPECT_NEAR(At(inputs, 0, kSpeedDifference), -0.4, 1e-5);
   EXPECT_NEAR(At(inputs, 0, kCloseness), std::exp(-gap / 15.0), 1e-5);
+}
+
+TEST(LanePathsTest, ALeaderGoesOnFromAStateThatIsALittleOld) {
+  World world{.X_WT = {5.0, 6.0, 2.0}};
+  world.AddLane(1, Line({-20.0, 0.5}, {150.0, 0.5}));
+  world.AddOther(1, {30.0, 0.5}, {12.0, 0.0}, kTime - 0.1);
+  const double half_length = 0.5 * 4.0;
+  EXPECT_NEAR(At(Find(world), 0, kGap), (30.0 + 1.2 - half_length) / 30.0, 1e-5);
+  EXPECT_EQ(At(Find(world, {}, /*version=*/2), 0, kLeader), 0.0F);
+}
+
+TEST(LanePathsTest, InEarlierVersionsWhatIsNotThereIs100MetresAway) {
+  World world;
+  world.AddLane(1, Line({-20.0, 0.5}, {150.0, 0.5}));
+  for (const int version : {0, 1, 2}) {
+    const LanePathInputs inputs = Find(world, {}, version);
+    EXPECT_NEAR(At(inputs, 0, kSignalDistance), 100.0 / 30.0, 1e-6);
+    EXPECT_NEAR(At(inputs, 0, kStopSignDistance), 100.0 / 30.0, 1e-6);
+  }
 }
 
 TEST(LanePathsTest, ALeaderThatTouchesTheTargetHasTheLargestCloseness) {
@@ -435,7 +454,7 @@ TEST(LanePathsTest, TheFirstLaneWithASignalCounts) {
     for (int i = 0; i < 4; ++i) {
       EXPECT_EQ(At(inputs, 0, kSignalAt + i), i == column ? 1.0F : 0.0F);
     }
-    EXPECT_NEAR(At(inputs, 0, kSignalDistance), distance / 30.0, 1e-5);
+    EXPECT_NEAR(At(inputs, 0, kSignalDistance), (distance - 100.0) / 30.0, 1e-5);
     const double closeness = std::exp(-std::max(distance, 0.0) / 15.0);
     EXPECT_NEAR(At(inputs, 0, kStopCloseness), column == 1 ? closeness : 0.0, 1e-5);
     EXPECT_NEAR(At(inputs, 0, kCautionCloseness), column == 2 ? closeness : 0.0, 1e-5);
@@ -473,11 +492,11 @@ TEST(LanePathsTest, TheFirstStopSignBesideThePathCounts) {
   world.AddStopSign({25.0, -6.9});
   LanePathInputs inputs = Find(world);
   EXPECT_EQ(At(inputs, 0, kStopSign), 1.0F);
-  EXPECT_NEAR(At(inputs, 0, kStopSignDistance), 25.0 / 30.0, 1e-5);
+  EXPECT_NEAR(At(inputs, 0, kStopSignDistance), (25.0 - 100.0) / 30.0, 1e-5);
   EXPECT_NEAR(At(inputs, 0, kStopSignCloseness), std::exp(-2.5), 1e-5);
   world.AddStopSign({-0.5, 5.0});  // just beside the target
   inputs = Find(world);
-  EXPECT_NEAR(At(inputs, 0, kStopSignDistance), -0.5 / 30.0, 1e-5);
+  EXPECT_NEAR(At(inputs, 0, kStopSignDistance), -100.5 / 30.0, 1e-5);
   EXPECT_NEAR(At(inputs, 0, kStopSignCloseness), std::exp(-0.05), 1e-5);
 }
 
@@ -553,14 +572,14 @@ World RandomWorld(std::mt19937& random, bool all_declared) {
 
 TEST(LanePathsTest, InputsMatchAPlainImplementation) {
   std::mt19937 random(11);
-  LanePathFinder finders[] = {LanePathFinder(1), LanePathFinder(2)};
+  LanePathFinder finders[] = {LanePathFinder(1), LanePathFinder(2), LanePathFinder(3)};
   int dropped = 0;
   int paths = 0, several = 0, leaders = 0, signals = 0, stop_signs = 0;
   for (int trial = 0; trial < 400; ++trial) {
     const World world = RandomWorld(random, trial % 2 == 0);
     const RoadMap map = RoadMap::Over(world.scenario.map_features());
     LanePathInputs inputs;
-    for (const int version : {1, 2}) {
+    for (const int version : {1, 2, 3}) {
       const int before = version == 2 ? inputs.count : 0;
       finders[version - 1].Find(world.scenario, map.lanes(), kTime, kTarget, world.X_WT,
                                 world.speed, {}, &inputs);
@@ -735,7 +754,7 @@ TEST(LanePathsTest, DescribesTheSamePathsForDrawing) {
       EXPECT_NEAR(path.cost, 3.0 * At(inputs, i, kCost), 1e-5);
       EXPECT_EQ(path.leader.has_value(), At(inputs, i, kLeader) == 1.0F);
       EXPECT_EQ(path.stop_sign.has_value(), At(inputs, i, kStopSign) == 1.0F);
-      EXPECT_EQ(path.signal.has_value(), At(inputs, i, kSignalDistance) < 3.3F);
+      EXPECT_EQ(path.signal.has_value(), At(inputs, i, kSignalDistance) != 0.0F);
       if (path.signal) {
         EXPECT_EQ(At(inputs, i, kSignalAt + path.signal_state), 1.0F);
       }

@@ -219,11 +219,16 @@ std::vector<std::vector<size_t>> ChainsOf(const std::vector<PlainLane>& lanes,
   return complete;
 }
 
-// Returns the agent's state at a time; nullptr if it has none.
-const v1::AgentState* StateAt(const v1::Agent& agent, double time) {
-  const v1::AgentState* found = nullptr;
+// Returns the agent's state at a time; nothing if it has none.
+std::optional<v1::AgentState> StateAt(const v1::Agent& agent, double time, int inputs_version) {
+  const double oldest = inputs_version < 3 ? 0.05 : 0.125;
+  std::optional<v1::AgentState> found;
   for (const v1::AgentState& state : agent.states()) {
-    if (state.time() <= time + 1e-6 && state.time() >= time - 0.05 - 1e-6) found = &state;
+    if (state.time() <= time + 1e-6 && state.time() >= time - oldest - 1e-6) found = state;
+  }
+  if (found && inputs_version >= 3) {
+    found->set_x(found->x() + (time - found->time()) * found->velocity_x());
+    found->set_y(found->y() + (time - found->time()) * found->velocity_y());
   }
   return found;
 }
@@ -252,7 +257,7 @@ std::map<int64_t, v1::TrafficSignalState> SignalsAt(const v1::Scenario& scenario
 }
 
 void AddLeader(const v1::Scenario& scenario, double time, int64_t target_id, double speed,
-               const PlainPath& path, double foot, std::vector<double>* row) {
+               const PlainPath& path, double foot, int inputs_version, std::vector<double>* row) {
   double own_length = 0.0;
   for (const v1::Agent& agent : scenario.agents()) {
     if (agent.id() == target_id) own_length = agent.length();
@@ -262,8 +267,8 @@ void AddLeader(const v1::Scenario& scenario, double time, int64_t target_id, dou
   double along = 0.0;
   bool exists = false;
   for (const v1::Agent& agent : scenario.agents()) {
-    const v1::AgentState* state = StateAt(agent, time);
-    if (state == nullptr || agent.id() == target_id) continue;
+    const auto state = StateAt(agent, time, inputs_version);
+    if (!state || agent.id() == target_id) continue;
     const auto nearest = path.Nearest({state->x(), state->y()}, foot - 1.0, foot + 80.0);
     if (!nearest) continue;
     const auto [distance, s, heading] = *nearest;
@@ -281,8 +286,11 @@ void AddLeader(const v1::Scenario& scenario, double time, int64_t target_id, dou
   row->push_back(exists ? std::exp(-std::max(gap, 0.0) / 15.0) : 0.0);
 }
 
+// The distance that is written as 0.
+double NothingAt(int inputs_version) { return inputs_version < 3 ? 0.0 : 100.0; }
+
 void AddSignal(const v1::Scenario& scenario, double time, const std::vector<PlainLane>& lanes,
-               const PlainPath& path, double foot, std::vector<double>* row) {
+               const PlainPath& path, double foot, int inputs_version, std::vector<double>* row) {
   const auto states = SignalsAt(scenario, time);
   int column = -1;
   double distance = 100.0;
@@ -293,14 +301,14 @@ void AddSignal(const v1::Scenario& scenario, double time, const std::vector<Plai
     distance = path.starts[k] - foot;
   }
   for (int i = 0; i < 4; ++i) row->push_back(i == column);
-  row->push_back(distance / 30.0);
+  row->push_back((distance - NothingAt(inputs_version)) / 30.0);
   for (const int light : {1, 2}) {
     row->push_back(column == light ? std::exp(-std::max(distance, 0.0) / 15.0) : 0.0);
   }
 }
 
 void AddStopSign(const v1::Scenario& scenario, const PlainPath& path, double foot,
-                 std::vector<double>* row) {
+                 int inputs_version, std::vector<double>* row) {
   std::optional<double> first;
   for (const v1::MapFeature& feature : scenario.map_features()) {
     if (feature.type() != v1::MAP_FEATURE_TYPE_STOP_SIGN) continue;
@@ -310,7 +318,7 @@ void AddStopSign(const v1::Scenario& scenario, const PlainPath& path, double foo
     if (!first || s < *first) first = s;
   }
   row->push_back(first.has_value());
-  row->push_back(first.value_or(100.0) / 30.0);
+  row->push_back((first.value_or(100.0) - NothingAt(inputs_version)) / 30.0);
   row->push_back(first ? std::exp(-std::abs(*first) / 10.0) : 0.0);
 }
 
@@ -364,9 +372,9 @@ std::vector<std::vector<double>> PlainLanePaths(const v1::Scenario& scenario, do
       row.push_back(start.cost / 3.0);
       row.push_back(rows.empty());
       row.push_back(lanes[start.lane].speed_limit / 15.0);
-      AddLeader(scenario, time, target_id, speed, path, start.foot, &row);
-      AddSignal(scenario, time, lanes, path, start.foot, &row);
-      AddStopSign(scenario, path, start.foot, &row);
+      AddLeader(scenario, time, target_id, speed, path, start.foot, inputs_version, &row);
+      AddSignal(scenario, time, lanes, path, start.foot, inputs_version, &row);
+      AddStopSign(scenario, path, start.foot, inputs_version, &row);
       rows.push_back(row);
     }
   }

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <tuple>
 
 #include "model/scene/target_frame.h"
 #include "tests/unit/model/scene/scene_fixture.h"
@@ -24,6 +25,7 @@ v1::ModelSpec RasterModel() {
 v1::ModelSpec VectorModel() {
   v1::ModelSpec spec;
   spec.mutable_scene_vectors()->set_history_width(8);
+  spec.set_inputs_version(kLatestInputsVersion);
   return spec;
 }
 
@@ -62,7 +64,8 @@ SceneInputs Read(const v1::ModelSpec& spec, const v1::Scenario& scenario, double
   SceneReader reader(spec);
   SceneInputs inputs = reader.NewInputs();
   const v1::Agent* const agent = FindAgent(scenario, target_id);
-  const Pose2 X_WT = agent == nullptr ? Pose2() : *TargetPose(*agent, time, 0.15);
+  const Pose2 X_WT =
+      agent == nullptr ? Pose2() : *TargetPose(*agent, time, 0.15, spec.inputs_version());
   reader.Read(scenario, RoadMap::Over(scenario.map_features()), time, target_id, X_WT, &inputs);
   return inputs;
 }
@@ -120,9 +123,41 @@ TEST(SceneReaderTest, ReadsNothingLater) {
                     Read(VectorModel(), Braking(1.0), 1.0).vectors);
 }
 
-// Planners ask between two states: the present is then the latest state, for which the frame holds.
-TEST(SceneReaderTest, ReadsVectorsAsOfTheLatestState) {
+// Returns a scene with a target that drives 30 m/s north, and a vehicle 20 m ahead that drives 25
+// m/s, with states every 0.1 s until `last`. A lane runs north.
+v1::Scenario Cruising(double last) {
+  v1::Scenario scenario;
+  for (const auto& [id, y, speed] : {std::tuple(kTarget, 0.0, 30.0), {int64_t{8}, 20.0, 25.0}}) {
+    v1::Agent* const agent = AddAgent(&scenario, id, v1::AGENT_TYPE_VEHICLE, 4.0, 2.0);
+    for (int i = 0; 0.1 * i < last + 0.05; ++i) {
+      AddState(agent, 0.1 * i, 3.0, y + 0.1 * i * speed, M_PI / 2);
+      agent->mutable_states(i)->set_velocity_y(static_cast<float>(speed));
+    }
+  }
+  AddFeature(&scenario, v1::MAP_FEATURE_TYPE_LANE_CENTERLINE, {{2.5, -50.0}, {2.5, 300.0}});
+  return scenario;
+}
+
+template <typename Values>
+void ExpectNear(const Values& values, const Values& expected) {
+  for (size_t i = 0; i < values.size(); ++i) EXPECT_NEAR(values[i], expected[i], 1e-5) << i;
+}
+
+// Planners ask between two states, and trackers report late.
+TEST(SceneReaderTest, WhoseLatestStateIsALittleOldHasGoneOn) {
   for (const v1::ModelSpec& spec : {LaneModel(), AgentModel()}) {
+    const SceneVectors vectors = Read(spec, Cruising(1.0), 1.1).vectors;
+    const SceneVectors expected = Read(spec, Cruising(1.1), 1.1).vectors;
+    ExpectNear(vectors.history, expected.history);
+    ExpectNear(vectors.paths.values, expected.paths.values);
+    ExpectNear(vectors.agents.values, expected.agents.values);
+    EXPECT_EQ(vectors.agents.count, expected.agents.count);
+  }
+}
+
+TEST(SceneReaderTest, InEarlierVersionsThePresentIsTheLatestState) {
+  for (v1::ModelSpec spec : {LaneModel(), AgentModel()}) {
+    spec.set_inputs_version(2);
     ExpectSameVectors(Read(spec, Braking(1.0), 1.08).vectors,
                       Read(spec, Braking(1.0), 1.0).vectors);
   }

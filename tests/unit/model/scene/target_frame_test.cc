@@ -62,6 +62,22 @@ TEST(TargetPoseTest, ReturnsThePoseOfTheStateNow) {
   EXPECT_EQ(pose->heading(), 0.2F);
 }
 
+TEST(TargetPoseTest, AnAgentGoesOnFromAStateThatIsALittleOld) {
+  v1::Agent agent;
+  AddState(&agent, 0.9, 1, 2, 0.1);
+  agent.mutable_states(0)->set_velocity_x(30.0F);
+  agent.mutable_states(0)->set_velocity_y(-10.0F);
+  const auto pose = TargetPose(agent, 1.0, 0.125);
+  ASSERT_TRUE(pose.has_value());
+  EXPECT_NEAR(pose->x(), 4.0, 1e-9);
+  EXPECT_NEAR(pose->y(), 1.0, 1e-9);
+  EXPECT_EQ(pose->heading(), 0.1F);
+  const auto before = TargetPose(agent, 1.0, 0.125, /*inputs_version=*/2);
+  ASSERT_TRUE(before.has_value());
+  EXPECT_EQ(before->x(), 1);
+  EXPECT_EQ(before->y(), 2);
+}
+
 TEST(TargetPoseTest, ReturnsNothingWithoutARecentState) {
   EXPECT_FALSE(TargetPose(AgentAt({0.8, 1.02}), 1.0, kTolerance).has_value());
   EXPECT_TRUE(TargetPose(AgentAt({0.96}), 1.0, kTolerance).has_value());

@@ -113,6 +113,21 @@ TEST(TargetHistoryTest, InterpolatesBetweenStatesAndExtrapolatesBeforeTheFirst) 
   EXPECT_NEAR(shorter.states[0].x, -6.0, 1e-6);
 }
 
+TEST(TargetHistoryTest, GoesOnFromALatestStateThatIsALittleOld) {
+  const v1::Agent agent = Drive(
+      0.0, [](double) { return 8.0; }, [](double) { return 0.3; });
+  v1::Agent late = agent;  // without the states from -0.1 s on
+  while (late.states().rbegin()->time() > -0.15) late.mutable_states()->RemoveLast();
+  const Pose2 pose = PoseNow(agent);
+  const TargetHistory expected = ResampleHistory(agent, 0.0, pose);
+  const TargetHistory history = ResampleHistory(late, 0.0, pose);
+  for (size_t i = 0; i < history.states.size(); ++i) {
+    EXPECT_NEAR(history.states[i].x, expected.states[i].x, 1e-5) << i;
+    EXPECT_NEAR(history.states[i].y, expected.states[i].y, 1e-5) << i;
+    EXPECT_NEAR(history.states[i].velocity_x, expected.states[i].velocity_x, 1e-5) << i;
+  }
+}
+
 TEST(TargetHistoryTest, DoesNotDependOnWhereTheWorldIs) {
   const v1::Agent agent = Drive(
       2.0, [](double t) { return 9.0 - 2.0 * t; }, [](double t) { return 3.1 + 0.5 * t; });

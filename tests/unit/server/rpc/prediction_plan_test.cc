@@ -151,6 +151,23 @@ TEST(PlanPredictionTest, AModelWithoutARasterAcceptsAStateAnEighthOfASecondOld) 
   EXPECT_TRUE(PlanPrediction(request.scenarios(), spec, {}, false).targets.empty());
 }
 
+TEST(PlanPredictionTest, ATargetWhoseStateIsALittleOldHasGoneOn) {
+  v1::ModelSpec spec = Spec();
+  spec.clear_raster();
+  spec.mutable_scene_vectors()->set_history_width(8);
+  v1::PredictRequest request;
+  *request.add_scenarios() = TwoCars();
+  v1::AgentState& state = *request.mutable_scenarios(0)->mutable_agents(0)->mutable_states(0);
+  state.set_time(4.9);
+  state.set_velocity_y(20.0F);
+  const auto y = [&](int version) {
+    spec.set_inputs_version(version);
+    return PlanPrediction(request.scenarios(), spec, {}, false).targets.at(0).X_WT.y();
+  };
+  EXPECT_NEAR(y(3), state.y() + 2.0, 1e-6);
+  EXPECT_EQ(y(2), state.y());
+}
+
 TEST(PlanPredictionTest, RefusesToClassifyATargetWithoutItsFuture) {
   v1::ClassifyTrajectoriesRequest request;
   *request.add_scenarios() = TwoCars();
