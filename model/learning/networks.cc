@@ -44,8 +44,9 @@ struct InputRange {
 // What a dataset may lack altogether: the speed limit, the signal and the stop sign of a lane path
 // (lane_paths.h), what they make of a pair (action_geometry.h), and agents of other types than
 // vehicles (agent_inputs.h). A weight of a number that is always 0 gets no gradient. Random ones
-// would act on scenes that have the thing, and nothing would have been learned about it. (Numbers 78
-// and 82, distances, are 100 m where there is nothing: their weights learn as biases do.)
+// would act on scenes that have the thing, and nothing would have been learned about it. (With
+// versions 1 and 2 of the inputs, numbers 78 and 82 are 100 m where there is nothing. Their weights
+// then learn as biases do, and act all the same.)
 constexpr InputRange kMayBeMissing[] = {
     {"lane_path.0.weight", scene::LanePathRow::kSpeedLimit, scene::LanePathRow::kSpeedLimit},
     {"lane_path.0.weight", scene::LanePathRow::kSignal, scene::kLanePathInputs - 1},
