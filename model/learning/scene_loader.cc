@@ -144,8 +144,8 @@ class Reader {
       std::ranges::fill(Row(scenes.path_mask, i).first(static_cast<size_t>(paths_.count)), 1.0F);
     }
     if (artifact::ReadsAgents(spec_)) {
-      scene::DescribeAgents(recording, example.time, example.target_id, X_WT, speed, view, spec_.inputs_version(),
-                            &agents_);
+      scene::DescribeAgents(recording, example.time, example.target_id, X_WT, speed, view,
+                            spec_.inputs_version(), &agents_);
       std::ranges::copy(agents_.values, Row(scenes.agents, i).begin());
       const std::span<float> mask = Row(scenes.agent_mask, i);
       for (int k = 0; k < agents_.count; ++k) {

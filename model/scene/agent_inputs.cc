@@ -169,8 +169,8 @@ class AgentWriter {
 void DescribeAgents(const v1::Scenario& scenario, double time, int64_t target_id, const Pose2& X_WT,
                     double speed, const WorldView& view, int inputs_version, AgentInputs* inputs) {
   assert(view.scale > 0.0);
-  const NearestAgents nearest = FindNearestAgents(scenario, time, target_id, X_WT,
-                                                  kAgentReach / view.scale, inputs_version);
+  const NearestAgents nearest =
+      FindNearestAgents(scenario, time, target_id, X_WT, kAgentReach / view.scale, inputs_version);
   inputs->count = static_cast<int>(nearest.count());
   inputs->values.fill(0.0F);
   AgentWriter writer(X_WT, speed, view, inputs->values.data());

@@ -361,7 +361,8 @@ class LanePathFinder::Search {
         own_length_ = agent.length();
         continue;
       }
-      const auto present = PresentOf(agent, time, OthersTolerance(inputs_version_), inputs_version_);
+      const auto present =
+          PresentOf(agent, time, OthersTolerance(inputs_version_), inputs_version_);
       if (!present || !is_near(present->position.x, present->position.y)) continue;
       others_.push_back({present->position, present->state->velocity_x(),
                          present->state->velocity_y(), agent.length()});

@@ -49,8 +49,8 @@ std::optional<PresentState> PresentOf(const v1::Agent& agent, double time, doubl
   const v1::AgentState& state = agent.states(index);
   const double age = time - state.time();
   if (inputs_version < 3 || age <= kSameTime) return PresentState{&state, {state.x(), state.y()}};
-  return PresentState{
-      &state, {state.x() + age * state.velocity_x(), state.y() + age * state.velocity_y()}};
+  return PresentState{&state,
+                      {state.x() + age * state.velocity_x(), state.y() + age * state.velocity_y()}};
 }
 
 std::optional<Pose2> TargetPose(const v1::Agent& agent, double time, double tolerance,

@@ -8,7 +8,6 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
-#include "absl/strings/strip.h"
 #include "model/files/durable_file.h"
 #include "server/errors/error_details.h"
 #include "server/jobs/checkpoints.h"
@@ -16,6 +15,7 @@
 #include "server/jobs/job_requests.h"
 #include "server/jobs/job_settings.h"
 #include "server/jobs/trainer_run.h"
+#include "server/security/resource_name.h"
 
 namespace maneuver::jobs {
 namespace {
@@ -28,8 +28,7 @@ std::vector<std::string> CrossValidateArguments(const v1::CrossValidateRequest& 
                                                 const fs::path& folder,
                                                 const JobRunEnvironment& environment) {
   const auto folder_of = [&environment](const std::string& name) {
-    return environment.datasets->FolderOf(std::string(absl::StripPrefix(name, "datasets/")))
-        .string();
+    return environment.datasets->FolderOf(security::IdOf(name)).string();
   };
   std::vector<std::string> arguments = {"cross-validate",
                                         "--settings",
@@ -52,11 +51,11 @@ std::vector<std::string> CrossValidateArguments(const v1::CrossValidateRequest& 
     arguments.insert(arguments.end(), {"--seeds", absl::StrJoin(request.seeds(), ",")});
   }
   for (const std::string& dataset : request.datasets()) {
-    arguments.insert(arguments.end(), {"--dataset", folder_of(dataset), "--dataset-name",
-                                       std::string(absl::StripPrefix(dataset, "datasets/"))});
+    arguments.insert(arguments.end(),
+                     {"--dataset", folder_of(dataset), "--dataset-name", security::IdOf(dataset)});
   }
   for (const std::string& dataset : request.test_datasets()) {
-    const std::string name(absl::StripPrefix(dataset, "datasets/"));
+    const std::string name = security::IdOf(dataset);
     arguments.insert(arguments.end(),
                      {"--test-dataset", absl::StrCat(name, "=", folder_of(dataset))});
   }

@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/strip.h"
 #include "model/data/dataset_folder.h"
 #include "model/files/durable_file.h"
 #include "server/errors/error_details.h"
@@ -18,6 +17,7 @@
 #include "server/jobs/measurement.h"
 #include "server/jobs/trainer_outcome.h"
 #include "server/monitoring/logging.h"
+#include "server/security/resource_name.h"
 
 namespace maneuver::jobs {
 namespace {
@@ -26,7 +26,7 @@ namespace fs = std::filesystem;
 
 // Returns the name of the version that serves models/{model}; empty: none does.
 std::string ServingName(const serving::ModelVersions& versions, const std::string& model) {
-  const auto serving = versions.Serving(std::string(absl::StripPrefix(model, "models/")));
+  const auto serving = versions.Serving(security::IdOf(model));
   return serving ? serving->ToString() : std::string();
 }
 
@@ -81,8 +81,7 @@ JobPromotion::JobPromotion(v1::Job& job, fs::path folder, const JobAttempt& atte
       criteria_(ResolveCriteria(request_.criteria)) {}
 
 absl::StatusOr<PromotionTask> JobPromotion::Task() const {
-  const auto dataset = attempt_.environment.datasets->Read(
-      std::string(absl::StripPrefix(criteria_.dataset(), "datasets/")));
+  const auto dataset = attempt_.environment.datasets->Read(security::IdOf(criteria_.dataset()));
   if (!dataset.ok()) return WithDefaultReason(dataset.status(), "UNUSABLE_DATA");
   return PromotionTask{request_.model, job_.model_version(), criteria_,
                        data::ContentSha256(*dataset)};
@@ -96,7 +95,7 @@ std::vector<std::string> JobPromotion::TrainerOptions() {
   const size_t count = VersionsToMeasure(*task, *this).size();
   const auto version = ResolveReference(*attempt_.environment.versions, serving);
   if (count == 0 || !version.ok() || !WriteSettings(criteria_.examples(), folder_).ok()) return {};
-  const std::string dataset(absl::StripPrefix(criteria_.dataset(), "datasets/"));
+  const std::string dataset = security::IdOf(criteria_.dataset());
   return {"--next-model",    version->folder,
           "--next-dataset",  attempt_.environment.datasets->FolderOf(dataset),
           "--next-settings", folder_ / kSettingsFile,

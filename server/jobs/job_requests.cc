@@ -10,7 +10,6 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/strip.h"
 #include "model/artifact/field_rules.h"
 #include "model/artifact/training_presets.h"
 #include "model/evaluation/metric_table.h"
@@ -406,9 +405,7 @@ std::string RequestDigest(v1::TagRequest request) { return DigestOfRequest(std::
 
 std::vector<std::string> DatasetIds(const v1::Job& job) {
   std::vector<std::string> ids;
-  const auto add = [&ids](const std::string& name) {
-    ids.emplace_back(absl::StripPrefix(name, "datasets/"));
-  };
+  const auto add = [&ids](const std::string& name) { ids.push_back(security::IdOf(name)); };
   if (job.has_train()) {
     for (const std::string& name : job.train().datasets()) add(name);
     if (job.train().has_promotion_criteria()) add(job.train().promotion_criteria().dataset());

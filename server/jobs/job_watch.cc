@@ -127,6 +127,24 @@ absl::StatusOr<std::shared_ptr<const JobRead>> JobNews::Read(JobStore& store,
   return topic->last;
 }
 
+void OthersNews::Publish() {
+  const std::vector<std::string> watched = news_.Watched();
+  std::map<std::string, JobPosition> positions;
+  if (!watched.empty()) {
+    const auto listed = store_.ListPositions(watched);
+    if (!listed.ok()) return;  // what came meanwhile is news the next time
+    for (const JobPosition& position : *listed) positions[position.job] = position;
+  }
+  for (const std::string& job : watched) {
+    const auto before = positions_.find(job);
+    const auto now = positions.find(job);  // none: the job was deleted
+    if (before == positions_.end() || now == positions.end() || before->second != now->second) {
+      news_.Publish(job);
+    }
+  }
+  positions_ = std::move(positions);
+}
+
 absl::StatusOr<std::vector<v1::Job>> JobEventReader::Next(int limit) {
   std::vector<v1::Job> news;
   if (at_end_) return news;

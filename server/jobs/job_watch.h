@@ -72,6 +72,23 @@ class JobNews {
   std::map<std::string, std::shared_ptr<Topic>> topics_ ABSL_GUARDED_BY(mutex_);  // by job
 };
 
+// Publishes what other servers do to jobs that somebody here watches. Not thread-safe.
+class OthersNews {
+ public:
+  // Both must outlive this object.
+  OthersNews(JobStore& store, JobNews& news) : store_(store), news_(news) {}
+
+  // Looks whether a watched job has news that are in the store since the last call. Call it
+  // regularly.
+  void Publish();
+
+ private:
+  JobStore& store_;
+  JobNews& news_;
+  // How far the watched jobs were at the last call, by name.
+  std::map<std::string, JobPosition> positions_;
+};
+
 // Reads a job's events after a cursor. Every reader with the same cursor gets the same sequence,
 // whenever it starts: one RUNNING job for each event, then the ended job once. Not thread-safe.
 class JobEventReader {

@@ -9,7 +9,6 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
-#include "absl/strings/strip.h"
 #include "model/artifact/model_folder.h"
 #include "server/jobs/checkpoints.h"
 #include "server/jobs/job_folder.h"
@@ -17,6 +16,7 @@
 #include "server/jobs/job_settings.h"
 #include "server/jobs/trainer_outcome.h"
 #include "server/jobs/trainer_run.h"
+#include "server/security/resource_name.h"
 
 namespace maneuver::jobs {
 namespace {
@@ -51,7 +51,7 @@ std::vector<std::string> TrainArguments(const v1::Job& job, const fs::path& fold
                                         "--data-memory",
                                         absl::StrCat(environment.limits.data_memory)};
   for (const std::string& dataset : job.train().datasets()) {
-    const std::string id(absl::StripPrefix(dataset, "datasets/"));
+    const std::string id = security::IdOf(dataset);
     arguments.insert(arguments.end(),
                      {"--dataset", environment.datasets->FolderOf(id), "--dataset-name", dataset});
   }

@@ -4,7 +4,6 @@
 
 #include <utility>
 
-#include "absl/strings/strip.h"
 #include "model/data/dataset_folder.h"
 #include "model/files/durable_file.h"
 #include "server/errors/error_details.h"
@@ -14,6 +13,7 @@
 #include "server/jobs/trainer_outcome.h"
 #include "server/jobs/trainer_run.h"
 #include "server/monitoring/logging.h"
+#include "server/security/resource_name.h"
 
 namespace maneuver::jobs {
 namespace {
@@ -46,7 +46,7 @@ Measured Measure(v1::Job& job, const MeasuringTask& task, const std::filesystem:
   };
   const auto model = ResolveReference(*environment.versions, task.model);
   if (!model.ok()) return failed(model.status(), "MODEL_UNAVAILABLE");
-  const std::string id(absl::StripPrefix(task.dataset, "datasets/"));
+  const std::string id = security::IdOf(task.dataset);
   const auto dataset = environment.datasets->Read(id);
   if (!dataset.ok()) return failed(dataset.status(), "UNUSABLE_DATA");
   RemoveJobOutput(folder);

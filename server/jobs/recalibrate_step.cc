@@ -6,12 +6,12 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/strip.h"
 #include "server/jobs/job_folder.h"
 #include "server/jobs/job_requests.h"
 #include "server/jobs/job_settings.h"
 #include "server/jobs/trainer_outcome.h"
 #include "server/jobs/trainer_run.h"
+#include "server/security/resource_name.h"
 
 namespace maneuver::jobs {
 namespace {
@@ -50,7 +50,7 @@ Outcome RecalibrateStep::Run() {
                                         "--data-memory",
                                         absl::StrCat(environment.limits.data_memory)};
   for (const std::string& dataset : request.datasets()) {
-    const std::string id(absl::StripPrefix(dataset, "datasets/"));
+    const std::string id = security::IdOf(dataset);
     arguments.insert(arguments.end(),
                      {"--dataset", environment.datasets->FolderOf(id), "--dataset-name", dataset});
   }

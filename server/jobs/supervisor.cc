@@ -5,7 +5,6 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/strip.h"
 #include "model/files/errno_status.h"
 #include "server/errors/error_details.h"
 #include "server/jobs/job_attempt.h"
@@ -16,6 +15,7 @@
 #include "server/jobs/progress_recorder.h"
 #include "server/jobs/trainer_outcome.h"
 #include "server/monitoring/logging.h"
+#include "server/security/resource_name.h"
 
 namespace maneuver::jobs {
 namespace {
@@ -63,9 +63,9 @@ Supervisor::Supervisor(SupervisorOptions options, JobStore& store, data::Dataset
       datasets_(datasets),
       tags_(options_.tags, options_.tag_quota_bytes),
       versions_(versions),
-      replicas_(replicas),
       interruptions_(metrics.AddCounter("maneuver_job_interruptions_total",
                                         "Processes of jobs that died or were cut off.")),
+      workers_(replicas, metrics),
       devices_(options_.trainer, options_.graphics),
       curves_(metrics, options_.max_running_jobs) {
   for (const v1::JobState state : kJobStates) {
@@ -74,10 +74,6 @@ Supervisor::Supervisor(SupervisorOptions options, JobStore& store, data::Dataset
     if (!HasEnded(state)) continue;
     ends_[state] = &metrics.AddCounter("maneuver_job_ends_total", "Jobs that ended, by state.",
                                        {{"state", std::string(JobStateLabel(state))}});
-  }
-  if (replicas_ != nullptr) {
-    without_worker_ = &metrics.AddGauge("maneuver_jobs_without_worker",
-                                        "Pending jobs that no live server can run.");
   }
 }
 
@@ -142,26 +138,8 @@ void Supervisor::Follow() {
     LogFailure("jobs of other servers cannot be taken over", "", status);
   }
   CountJobs();
-  PublishNews();
+  others_news_.Publish();
   changed_.NotifyAll();  // a job may be pending
-}
-
-void Supervisor::PublishNews() {
-  const std::vector<std::string> watched = news_.Watched();
-  std::map<std::string, JobPosition> positions;
-  if (!watched.empty()) {
-    const auto listed = store_.ListPositions(watched);
-    if (!listed.ok()) return;  // what came meanwhile is news the next time
-    for (const JobPosition& position : *listed) positions[position.job] = position;
-  }
-  for (const std::string& job : watched) {
-    const auto before = positions_.find(job);
-    const auto now = positions.find(job);  // none: the job was deleted
-    if (before == positions_.end() || now == positions.end() || before->second != now->second) {
-      news_.Publish(job);
-    }
-  }
-  positions_ = std::move(positions);
 }
 
 void Supervisor::GiveUpAttempt(v1::Job& job) const {
@@ -184,7 +162,7 @@ void Supervisor::GiveUpAttempt(v1::Job& job) const {
 }
 
 fs::path Supervisor::FolderOf(const std::string& name) const {
-  return options_.folder / std::string(absl::StripPrefix(name, "jobs/"));
+  return options_.folder / security::IdOf(name);
 }
 
 std::optional<WorkerCapacity> Supervisor::Capacity() {
@@ -318,21 +296,8 @@ void Supervisor::CountJobs() {
     const auto count = store_.CountInState(state);
     if (!count.ok()) continue;
     gauge->Set(static_cast<double>(*count));
-    if (state == v1::JOB_STATE_PENDING && without_worker_ != nullptr) CountWithoutWorker(*count);
+    if (state == v1::JOB_STATE_PENDING) workers_.ShowWaiting(*count);
   }
-}
-
-void Supervisor::CountWithoutWorker(int64_t pending) {
-  int64_t count = 0;
-  if (pending > 0) {
-    const auto needs = replicas_->CountPendingNeeds();
-    const auto workers = ListWorkers();
-    if (!needs.ok() || !workers.ok()) return;
-    for (const auto& [need, jobs] : *needs) {
-      if (!WhyNobodyRuns(need, *workers).empty()) count += jobs;
-    }
-  }
-  without_worker_->Set(static_cast<double>(count));
 }
 
 }  // namespace maneuver::jobs

@@ -33,6 +33,7 @@
 #include "server/jobs/job_store.h"
 #include "server/jobs/job_watch.h"
 #include "server/jobs/lease_keeper.h"
+#include "server/jobs/live_workers.h"
 #include "server/jobs/replica_registry.h"
 #include "server/jobs/training_devices.h"
 #include "server/jobs/worker_capacity.h"
@@ -167,8 +168,6 @@ class Supervisor {
   // Does what other servers' changes ask for; called regularly, by one thread, if there may be
   // others.
   void Follow() ABSL_LOCKS_EXCLUDED(mutex_);
-  // Publishes news of jobs that other servers have changed.
-  void PublishNews();
   absl::StatusOr<v1::Job> Admit(v1::Job job, const std::string& request_id,
                                 const std::string& digest, bool validate_only);
   // Adds the memory that a job will take, if it was only validated.
@@ -180,10 +179,6 @@ class Supervisor {
   void AddNeed(const v1::Job& complete, const v1::ModelSpec& spec, v1::Job& job) const;
   // INVALID_ARGUMENT if no server that could run the job has the device.
   absl::Status CheckDevice(const v1::TrainingSettings& settings);
-  // Returns what the live servers that run jobs have.
-  absl::StatusOr<std::vector<WorkerCapacity>> ListWorkers() const;
-  // Sets the error of PENDING jobs that no live server can run.
-  void ExplainWaiting(const std::vector<v1::Job*>& jobs) const;
   // FAILED_PRECONDITION if the job is no longer PENDING.
   absl::StatusOr<v1::Job> CancelPending(v1::Job job);
   absl::StatusOr<v1::Job> EarlierJob(const std::string& request_id, const std::string& digest,
@@ -212,8 +207,6 @@ class Supervisor {
   void EndRun(v1::Job job, const JobLease& lease) ABSL_LOCKS_EXCLUDED(mutex_);
   // Shows how many jobs are in each state, and how many wait for a server that can run them.
   void CountJobs();
-  //   pending: how many jobs are PENDING
-  void CountWithoutWorker(int64_t pending);
   void CountEnd(v1::JobState state) { ends_.at(state)->Increment(); }
 
   const SupervisorOptions options_;
@@ -221,14 +214,14 @@ class Supervisor {
   data::DatasetStore& datasets_;
   const tags::TagStore tags_;
   serving::ModelVersions& versions_;
-  ReplicaRegistry* const replicas_;
   std::map<v1::JobState, monitoring::Gauge*> gauges_;
   std::map<v1::JobState, monitoring::Counter*> ends_;  // of the states that end a job
   monitoring::Counter& interruptions_;
-  monitoring::Gauge* without_worker_ = nullptr;  // nullptr if there are no other servers
+  LiveWorkers workers_;
   TrainingDevices devices_;
   JobCurves curves_;
   JobNews news_;
+  OthersNews others_news_{store_, news_};  // used by Follow
   std::atomic<bool> is_stopped_ = false;
 
   // Held while a job is admitted, taken, cancelled or deleted, and while a dataset is removed, so
@@ -238,9 +231,6 @@ class Supervisor {
   bool stops_ ABSL_GUARDED_BY(mutex_) = false;
   // The running jobs, by name.
   std::map<std::string, std::shared_ptr<StopRequest>> running_ ABSL_GUARDED_BY(mutex_);
-
-  // How far the jobs were that somebody watched when PublishNews last looked, by name.
-  std::map<std::string, JobPosition> positions_;
 
   // Live as long as the server: children die with the thread that started them.
   std::vector<std::thread> threads_;

@@ -179,33 +179,6 @@ absl::Status Supervisor::CheckDevice(const v1::TrainingSettings& settings) {
   return IsShared() ? absl::OkStatus() : devices_.Check(settings.device());
 }
 
-absl::StatusOr<std::vector<WorkerCapacity>> Supervisor::ListWorkers() const {
-  const auto live = replicas_->ListLive();
-  if (!live.ok()) return live.status();
-  std::vector<WorkerCapacity> workers;
-  for (const v1::Replica& each : *live) {
-    if (!each.has_job_capacity()) continue;
-    const v1::JobCapacity& has = each.job_capacity();
-    workers.push_back(
-        {{has.devices().begin(), has.devices().end()}, has.ranks(), has.memory_bytes()});
-  }
-  return workers;
-}
-
-void Supervisor::ExplainWaiting(const std::vector<v1::Job*>& jobs) const {
-  const auto is_pending = [](const v1::Job* job) { return job->state() == v1::JOB_STATE_PENDING; };
-  if (replicas_ == nullptr || std::ranges::none_of(jobs, is_pending)) return;
-  const auto workers = ListWorkers();
-  if (!workers.ok()) return;
-  for (v1::Job* job : jobs) {
-    if (!is_pending(job)) continue;
-    const std::string why = WhyNobodyRuns(NeedsOf(*job), *workers);
-    if (why.empty()) continue;
-    *job->mutable_error() = errors::ToProto(errors::WithReason(
-        absl::FailedPreconditionError(absl::StrCat("no server can run it: ", why)), "NO_WORKER"));
-  }
-}
-
 absl::StatusOr<v1::Job> Supervisor::EarlierJob(const std::string& request_id,
                                                const std::string& digest, bool* found) {
   *found = false;
@@ -291,7 +264,7 @@ absl::StatusOr<v1::Job> Supervisor::Admit(v1::Job job, const std::string& reques
   changed_.NotifyOne();
   CountJobs();
   Log(LogLevel::kInfo, "job created", {{"job", job.name()}});
-  ExplainWaiting({&job});
+  workers_.ExplainWaiting({&job});
   if (job.has_error()) {
     Log(LogLevel::kWarning, "job waits", {{"job", job.name()}, {"reason", job.error().message()}});
   }
@@ -300,7 +273,7 @@ absl::StatusOr<v1::Job> Supervisor::Admit(v1::Job job, const std::string& reques
 
 absl::StatusOr<v1::Job> Supervisor::Get(const std::string& name) {
   auto job = store_.Get(name);
-  if (job.ok()) ExplainWaiting({&*job});
+  if (job.ok()) workers_.ExplainWaiting({&*job});
   return job;
 }
 
@@ -309,7 +282,7 @@ absl::StatusOr<JobPage> Supervisor::List(int page_size, const std::string& page_
   if (!page.ok()) return page;
   std::vector<v1::Job*> jobs;
   for (v1::Job& job : page->jobs) jobs.push_back(&job);
-  ExplainWaiting(jobs);
+  workers_.ExplainWaiting(jobs);
   // From the end, so that the places before stay as they are.
   for (auto damaged = page->damaged.rbegin(); damaged != page->damaged.rend(); ++damaged) {
     v1::Job job;

@@ -6,18 +6,16 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/strip.h"
 #include "server/errors/error_details.h"
 #include "server/jobs/job_requests.h"
 #include "server/jobs/supervisor.h"
 #include "server/jobs/trainer_outcome.h"
+#include "server/security/resource_name.h"
 
 namespace maneuver::jobs {
 namespace {
 
-std::string TagsId(const v1::Job& job) {
-  return std::string(absl::StripPrefix(job.tag().tags(), "tags/"));
-}
+std::string TagsId(const v1::Job& job) { return security::IdOf(job.tag().tags()); }
 
 absl::Status WithTagsReason(const absl::Status& status) {
   if (absl::IsAlreadyExists(status)) return errors::WithReason(status, "TAGS_EXIST");

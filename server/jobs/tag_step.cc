@@ -5,13 +5,13 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "absl/strings/strip.h"
 #include "model/tags/tag_store.h"
 #include "server/jobs/checkpoints.h"
 #include "server/jobs/job_requests.h"
 #include "server/jobs/job_settings.h"
 #include "server/jobs/trainer_outcome.h"
 #include "server/jobs/trainer_run.h"
+#include "server/security/resource_name.h"
 
 namespace maneuver::jobs {
 
@@ -19,7 +19,7 @@ Outcome TagStep::Run() {
   const JobRunEnvironment& environment = attempt_.environment;
   const tags::TagStore& store = *environment.tag_store;
   const v1::TagRequest& request = job_.tag();
-  const std::string id(absl::StripPrefix(request.tags(), "tags/"));
+  const std::string id = security::IdOf(request.tags());
   // It may have been deleted since the job was admitted.
   const auto model = ResolveReference(*environment.versions, request.model());
   if (!model.ok()) return {WithDefaultReason(model.status(), "MODEL_UNAVAILABLE")};
@@ -44,7 +44,7 @@ Outcome TagStep::Run() {
                                         "--progress",
                                         "json"};
   for (const std::string& dataset : request.datasets()) {
-    const std::string name(absl::StripPrefix(dataset, "datasets/"));
+    const std::string name = security::IdOf(dataset);
     arguments.insert(arguments.end(), {"--dataset", environment.datasets->FolderOf(name)});
   }
   if (request.has_stride()) {

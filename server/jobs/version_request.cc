@@ -1,12 +1,10 @@
 #include "server/jobs/version_request.h"
 
-#include "absl/strings/strip.h"
+#include "server/security/resource_name.h"
 
 namespace maneuver::jobs {
 
-std::string VersionRequest::ModelId() const {
-  return std::string(absl::StripPrefix(model, "models/"));
-}
+std::string VersionRequest::ModelId() const { return security::IdOf(model); }
 
 VersionRequest VersionRequestOf(const v1::Job& job) {
   if (!job.has_recalibrate()) {

@@ -8,7 +8,6 @@
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
-#include "absl/strings/strip.h"
 #include "model/artifact/training_presets.h"
 #include "server/rpc/dataset_upload.h"
 #include "server/rpc/guarded_service.h"
@@ -30,7 +29,7 @@ absl::Status ListPage(const data::DatasetStore& datasets, const v1::ListDatasets
   if (!page.ok()) return WithDatasetReason(page.status());
   if (page->size() > limit) {
     page->resize(limit);
-    response->set_next_page_token(std::string(absl::StripPrefix(page->back().name(), "datasets/")));
+    response->set_next_page_token(security::IdOf(page->back().name()));
   }
   for (v1::Dataset& dataset : *page) *response->add_datasets() = std::move(dataset);
   return absl::OkStatus();

@@ -129,8 +129,8 @@ PredictionPlan PlanPrediction(const Scenarios& scenarios, const v1::ModelSpec& s
         target.status = TypeNotLearned(absl::StrCat(path, ".target_ids[", t, "]"), *agent, spec);
         continue;
       }
-      const auto X_WT = scene::TargetPose(*agent, scenario.prediction_time(), tolerance,
-                                          spec.inputs_version());
+      const auto X_WT =
+          scene::TargetPose(*agent, scenario.prediction_time(), tolerance, spec.inputs_version());
       if (!X_WT) {
         target.status = errors::InvalidField(absl::StrCat(path, ".target_ids[", t, "]"),
                                              "has no state at the prediction time");

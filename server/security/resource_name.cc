@@ -76,6 +76,8 @@ std::string EvaluationName::ToString() const {
 
 bool IsResourceId(std::string_view id) { return IsJobId(id) && IsLower(id.front()); }
 
+std::string IdOf(std::string_view name) { return std::string(name.substr(name.find('/') + 1)); }
+
 int ParseVersion(std::string_view text) {
   if (text.empty() || text.size() > kMaxVersionDigits || text.front() == '0' ||
       !std::ranges::all_of(text, IsDigit)) {

@@ -77,6 +77,10 @@ absl::StatusOr<std::string> ParseTagsName(std::string_view name, std::string_vie
 // Parses jobs/{job} and returns the id.
 absl::StatusOr<std::string> ParseJobName(std::string_view name, std::string_view field);
 
+// Returns the id of a name models/{model}, datasets/{dataset}, tags/{tags} or jobs/{job} that is
+// known to be one.
+std::string IdOf(std::string_view name);
+
 // Returns the version that a folder is named after; 0 if `text` is not a version number.
 int ParseVersion(std::string_view text);
 

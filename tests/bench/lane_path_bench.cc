@@ -52,8 +52,7 @@ struct Queries {
       for (const int64_t id : scenes[i].target_ids()) {
         const v1::Agent* const agent = scene::FindAgent(scenes[i], id);
         if (agent == nullptr) continue;
-        const auto X_WT =
-            scene::TargetPose(*agent, scenes[i].prediction_time(), 0.05);
+        const auto X_WT = scene::TargetPose(*agent, scenes[i].prediction_time(), 0.05);
         if (X_WT) queries.push_back({&scenes[i], &maps[i].lanes(), id, *X_WT});
       }
     }

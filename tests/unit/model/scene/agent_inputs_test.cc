@@ -57,8 +57,7 @@ AgentInputs Describe(const World& world, const WorldView& view = {},
                      int version = kLatestInputsVersion) {
   AgentInputs inputs;
   inputs.values.fill(7.0F);
-  DescribeAgents(world.scenario, kTime, kTarget, world.X_WT, world.speed, view, version,
-                 &inputs);
+  DescribeAgents(world.scenario, kTime, kTarget, world.X_WT, world.speed, view, version, &inputs);
   for (size_t i = static_cast<size_t>(inputs.count * kAgentInputs); i < inputs.values.size(); ++i) {
     EXPECT_EQ(inputs.values[i], 0.0F) << "beyond the last agent";
   }
