@@ -4,8 +4,9 @@
 
 OURS and THEIRS are addresses. Asks both for p(y|s) and the actions of at least 5 % of up to TARGETS
 vehicles of each of the first SCENES recordings, past states only; every other recording a little
-after its last states. Ends with status 1 if a number differs by 1e-4 or more; numbers in metres and correlations by 1e-3. Rounding in f32 grows with the
-length of a trajectory, and it turns the direction of a slow mean, which covariances follow.
+after its last states. Ends with status 1 if a number differs by 1e-4 or more; numbers in metres and
+correlations by 1e-3. Rounding in f32 grows with the length of a trajectory, and it turns the
+direction of a slow mean, which covariances follow.
 """
 
 import pathlib
