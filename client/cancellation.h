@@ -4,6 +4,7 @@
 #define MANEUVER_CLIENT_CANCELLATION_H_
 
 #include <chrono>
+#include <cstdint>
 #include <functional>
 #include <map>
 
@@ -62,15 +63,15 @@ class Cancellation {
 
    private:
     Cancellation* const cancellation_;
-    int id_ = 0;
+    uint64_t id_ = 0;
   };
 
  private:
   mutable Mutex mutex_;
   mutable CondVar changed_;
   bool cancelled_ ABSL_GUARDED_BY(mutex_) = false;
-  int next_id_ ABSL_GUARDED_BY(mutex_) = 0;
-  std::map<int, std::function<void()>> running_ ABSL_GUARDED_BY(mutex_);
+  uint64_t next_id_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::map<uint64_t, std::function<void()>> running_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace maneuver::client

@@ -26,10 +26,12 @@
 //
 // If the server requires identities, set tls and token_file of ClientOptions.
 //
-// Each call has one deadline for all its attempts. Calls that are safe to repeat are retried when
-// the server is UNAVAILABLE (retry.h): all except deletions and CollectOutcomes. Uploads continue
-// where they stopped. Train, Evaluate, CrossValidate, Recalibrate, Tag and ReportOutcomes are safe
-// because they carry a request_id; the client makes one if the request has none.
+// Each call has one deadline for all its attempts; WatchJob has none unless it is given, and streams
+// have their own. Calls that are safe to repeat are retried when the server is UNAVAILABLE
+// (retry.h): all except deletions, CollectOutcomes, CheckHealth, and StartPrediction unless
+// ClientOptions::retry_started is set. Transfers continue where they stopped. Train, Evaluate,
+// CrossValidate, Recalibrate, Tag and ReportOutcomes are safe because they carry a request_id; the
+// client makes one if the request has none.
 
 #ifndef MANEUVER_CLIENT_CLIENT_H_
 #define MANEUVER_CLIENT_CLIENT_H_

@@ -100,13 +100,7 @@ absl::StatusOr<v1::Dataset> Client::UploadDataset(const std::string& folder,
     first.mutable_header()->set_name(name);
     *first.mutable_header()->mutable_dataset() = *dataset;
     *first.mutable_header()->mutable_arrived_bytes() = arrived;
-    const auto write = [&](std::string chunk) {
-      v1::UploadDatasetRequest message;
-      message.set_chunk(std::move(chunk));
-      return writer->Write(message);
-    };
-    if (writer->Write(first) && send_chunks(write)) writer->WritesDone();
-    return writer->Finish();  // also says why it took no more
+    return SendUpload(*writer, first, send_chunks);
   };
   const absl::Status status = UploadFiles(
       connection_->options, files, calls,

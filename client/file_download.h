@@ -42,6 +42,22 @@ struct TakeDownload {
 using ReadDownload = std::function<grpc::Status(grpc::ClientContext&, const std::string& resource,
                                                 const ArrivedBytes& arrived, const TakeDownload&)>;
 
+// Reads one call to its end, as a ReadDownload does.
+//   name_of: returns what a header says is sent
+template <typename Response, typename NameOf>
+grpc::Status ReadToEnd(grpc::ClientContext& context, grpc::ClientReader<Response>& reader,
+                       const TakeDownload& take, NameOf name_of) {
+  Response message;
+  bool goes_on = true;
+  while (goes_on && reader.Read(&message)) {
+    goes_on = message.has_header()
+                  ? take.header({name_of(message.header()), message.header().files()})
+                  : take.chunk(message.chunk());
+  }
+  if (!goes_on) context.TryCancel();
+  return reader.Finish();
+}
+
 // Downloads files into a folder, as Client::DownloadModelVersion says. Returns the header's
 // resource.
 //   introduce: adds the caller's identity

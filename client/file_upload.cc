@@ -35,7 +35,7 @@ class FilesOnTheirWay {
       there += bytes;
     }
     arrived_ = answer;
-    // What had arrived before may be wrong, and gone by the next answer.
+    // The server deletes bytes of an earlier upload that it finds to be wrong.
     progress_.resumed = has_asked_ ? std::min(progress_.resumed, there) : there;
     has_asked_ = true;
     skipped_ = there;
@@ -115,12 +115,12 @@ absl::Status UploadFiles(const ClientOptions& options, const std::vector<LocalFi
     ArrivedBytes arrived;
     bool committed = false;
     absl::Status status = ToRetriable(calls.ask(context, &arrived, &committed), call.cancellation);
-    // A server of before there was such a question keeps nothing.
+    // An older server does not know this question, and keeps nothing of an interrupted upload.
     if (absl::IsUnimplemented(status)) {
       arrived.Resize(static_cast<int>(files.size()), 0);
       status = absl::OkStatus();
     }
-    // What this call has sent was committed, and the answer lost; or an earlier call's was.
+    // The server has committed what this call or an earlier one sent, but its answer was lost.
     is_done = status.ok() && committed && (has_sent || calls.may_be_committed_before);
     return status.ok() ? upload.TakeAnswer(arrived) : status;
   };
@@ -142,7 +142,8 @@ absl::Status UploadFiles(const ClientOptions& options, const std::vector<LocalFi
   int64_t most_arrived = 0;
   bool may_start_clean = true;
   for (;;) {
-    // At first the upload is given the patience of any call. Each byte that arrives earns it more.
+    // Before anything is sent, the upload is retried like any call. Then it is retried until
+    // nothing more has arrived for upload_patience.
     RetryPolicy policy = options.retry;
     if (has_sent) policy.max_attempts = 1'000'000;
     const bool had_sent = has_sent;
@@ -157,7 +158,7 @@ absl::Status UploadFiles(const ClientOptions& options, const std::vector<LocalFi
     if (!local_error.ok()) return local_error;
     if (is_done) return absl::OkStatus();
     most_arrived = std::max(most_arrived, upload.skipped());
-    // What lay there from before was wrong, and is gone now.
+    // The bytes of an earlier upload were wrong. The server has deleted them.
     const bool starts_clean =
         absl::IsDataLoss(status) && upload.skipped() > 0 && std::exchange(may_start_clean, false);
     if (!status.ok() && !starts_clean) return status;

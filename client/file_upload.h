@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <functional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "client/connection.h"
@@ -38,6 +39,19 @@ struct UploadCalls {
                              const SendChunks& send_chunks)>
       send;
 };
+
+// Sends `first`, which has the header, and then the chunks. Returns how the call ended.
+template <typename Request>
+grpc::Status SendUpload(grpc::ClientWriter<Request>& writer, const Request& first,
+                        const UploadCalls::SendChunks& send_chunks) {
+  const auto write = [&writer](std::string chunk) {
+    Request message;
+    message.set_chunk(std::move(chunk));
+    return writer.Write(message);
+  };
+  if (writer.Write(first) && send_chunks(write)) writer.WritesDone();
+  return writer.Finish();  // also says why it took no more
+}
 
 // Asks, sends, and repeats this after a broken connection, until the server has committed, or
 // nothing more has arrived for ClientOptions::upload_patience. If the server finds that what had

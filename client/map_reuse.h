@@ -84,7 +84,8 @@ class MapReuse {
   Client& client_;
   const size_t max_maps_;
   Mutex mutex_;
-  int found_ ABSL_GUARDED_BY(mutex_) = 1'000;  // calls since a map was last missing; many, at first
+  // Calls since a map was missing; Note counts up to kCallsToTrust. At first none has been missing.
+  int found_ ABSL_GUARDED_BY(mutex_) = 1'000;
   bool spreads_ ABSL_GUARDED_BY(mutex_) = false;  // whether maps go missing again and again
   std::minstd_rand random_ ABSL_GUARDED_BY(mutex_);
   std::list<KnownMap> known_ ABSL_GUARDED_BY(mutex_);  // most recently used first

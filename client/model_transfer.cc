@@ -69,13 +69,7 @@ absl::StatusOr<v1::ModelVersion> Client::UploadModelVersion(const std::string& f
     first.mutable_header()->set_parent(parent);
     *first.mutable_header()->mutable_files() = announced;
     *first.mutable_header()->mutable_arrived_bytes() = arrived;
-    const auto write = [&](std::string chunk) {
-      v1::UploadModelVersionRequest message;
-      message.set_chunk(std::move(chunk));
-      return writer->Write(message);
-    };
-    if (writer->Write(first) && send_chunks(write)) writer->WritesDone();
-    return writer->Finish();  // also says why it took no more
+    return SendUpload(*writer, first, send_chunks);
   };
   const absl::Status status = UploadFiles(
       connection_->options, files, calls,
@@ -94,15 +88,8 @@ absl::StatusOr<std::string> Client::DownloadModelVersion(const std::string& name
     request.set_name(resource);
     *request.mutable_arrived_bytes() = arrived;
     const auto reader = connection_->models->DownloadModelVersion(&context, request);
-    v1::DownloadModelVersionResponse message;
-    bool goes_on = true;
-    while (goes_on && reader->Read(&message)) {
-      goes_on = message.has_header()
-                    ? take.header({message.header().model_version(), message.header().files()})
-                    : take.chunk(message.chunk());
-    }
-    if (!goes_on) context.TryCancel();
-    return reader->Finish();
+    return ReadToEnd(context, *reader, take,
+                     [](const auto& header) { return header.model_version(); });
   };
   return DownloadFiles(
       connection_->options, {.name = name, .folder = folder, .noun = "a model", .most_files = 16},

@@ -27,6 +27,15 @@ int FamilyOf(const std::string& address) {
   return inet_pton(AF_INET6, host.c_str(), &v6) == 1 ? AF_INET6 : 0;
 }
 
+// Returns whether an address is an IP address without a port.
+bool LacksPort(const std::string& address) {
+  in_addr v4{};
+  in6_addr v6{};
+  return inet_pton(AF_INET, address.c_str(), &v4) == 1 ||
+         inet_pton(AF_INET6, address.c_str(), &v6) == 1 ||
+         (address.starts_with('[') && address.ends_with(']'));
+}
+
 // Adds kDefaultPort to "localhost", "10.0.0.1", "[::1]" and "::1". Leaves anything else unchanged,
 // such as the path of a Unix socket.
 std::string WithPort(const std::string& address) {
@@ -62,7 +71,16 @@ absl::StatusOr<ServerAddress> ParseServerAddress(std::string_view address) {
   if (address.empty()) {
     return absl::InvalidArgumentError("address is empty; name the server as HOST:PORT");
   }
+  for (const std::string_view scheme : {"http://", "https://", "grpc://", "grpcs://"}) {
+    if (!address.starts_with(scheme)) continue;
+    return absl::InvalidArgumentError(absl::StrCat(
+        std::string(address), ": name the server as HOST:PORT, without ", std::string(scheme)));
+  }
   if (address.starts_with(kDns)) {
+    if (address.size() == kDns.size() || address[kDns.size()] == ':') {
+      return absl::InvalidArgumentError(
+          absl::StrCat(std::string(address), ": a name is missing, as in dns:///NAME:PORT"));
+    }
     const std::string name = WithPort(std::string(address.substr(kDns.size())));
     if (absl::Status status = CheckPort(name); !status.ok()) return status;
     return ServerAddress{absl::StrCat(std::string(kDns), name), true, {name}};
@@ -72,6 +90,11 @@ absl::StatusOr<ServerAddress> ParseServerAddress(std::string_view address) {
     const std::string one = WithPort(all.front());
     if (absl::Status status = CheckPort(one); !status.ok()) return status;
     return ServerAddress{one, false, {one}};
+  }
+  if (const auto portless = std::ranges::find_if(all, LacksPort); portless != all.end()) {
+    return absl::InvalidArgumentError(absl::StrCat(std::string(address),
+                                                   ": each of several servers needs its port, and ",
+                                                   *portless, " has none"));
   }
   const int family = FamilyOf(all.front());
   const bool alike = std::ranges::all_of(

@@ -14,15 +14,7 @@ absl::StatusOr<std::string> Client::DownloadTags(const std::string& name, const 
     request.set_name(resource);
     *request.mutable_arrived_bytes() = arrived;
     const auto reader = connection_->tags->DownloadTags(&context, request);
-    v1::DownloadTagsResponse message;
-    bool goes_on = true;
-    while (goes_on && reader->Read(&message)) {
-      goes_on = message.has_header()
-                    ? take.header({message.header().name(), message.header().files()})
-                    : take.chunk(message.chunk());
-    }
-    if (!goes_on) context.TryCancel();
-    return reader->Finish();
+    return ReadToEnd(context, *reader, take, [](const auto& header) { return header.name(); });
   };
   return DownloadFiles(
       connection_->options,

@@ -34,7 +34,7 @@ std::vector<std::string> FetchActionNames(const std::string& model_version,
 }
 
 void AddRequireNameOption(Command& command, std::vector<std::string>* names) {
-  command.OptionPerValue(
+  command.Option(
       "--require-name", names,
       "Fail unless an action of the version that answers has this name; may be repeated");
 }

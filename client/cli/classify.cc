@@ -43,7 +43,7 @@ int Classify(const ClassifyArguments& arguments, Environment& environment) {
     environment.time_limit = "--deadline MILLISECONDS";
   }
   const auto answer = environment.server_client().ClassifyTrajectories(request, call);
-  if (!answer.ok()) return environment.Fail(answer.status());
+  if (!answer.ok()) return environment.FailCall(answer.status());
   if (environment.json()) environment.PrintJson(*answer);
 
   bool all_answered = true;

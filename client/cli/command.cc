@@ -179,6 +179,11 @@ void Command::Arguments(const std::string& name, std::vector<std::string>* value
   app_->add_option(name, *values, help)->required();
 }
 
+void Command::OptionalArguments(const std::string& name, std::vector<std::string>* values,
+                                const std::string& help) {
+  app_->add_option(name, *values, help);
+}
+
 void Command::Option(const std::string& flags, std::string* value, const std::string& help,
                      const std::string& environment) {
   CLI::Option* option = app_->add_option(flags, *value, help)->capture_default_str();
@@ -213,18 +218,14 @@ void Command::Option(const std::string& flags, std::optional<double>* value, dou
 
 void Command::Option(const std::string& flags, std::vector<std::string>* values,
                      const std::string& help, bool required) {
-  app_->add_option(flags, *values, help)->required(required);
-}
-
-void Command::OptionPerValue(const std::string& flags, std::vector<std::string>* values,
-                             const std::string& help) {
-  app_->add_option(flags, *values, help)->allow_extra_args(false);
+  app_->add_option(flags, *values, help)->required(required)->allow_extra_args(false);
 }
 
 void Command::Option(const std::string& flags, std::vector<int64_t>* values, int64_t least,
                      int64_t most, const std::string& help) {
   app_->add_option(flags, *values, help)
       ->delimiter(',')
+      ->allow_extra_args(false)
       ->check(CLI::Range(least, most).description(""))
       ->check(NumberError<int64_t>)
       ->type_name("NUMBER");
@@ -241,6 +242,7 @@ void Command::Choice(const std::string& flags, std::string* value,
 void Command::Choices(const std::string& flags, std::vector<std::string>* values,
                       const std::vector<std::string>& choices, const std::string& help) {
   app_->add_option(flags, *values, help)
+      ->allow_extra_args(false)
       ->check(CLI::IsMember(choices).description(""))
       ->type_name(CLI::detail::join(choices, "|"));
 }

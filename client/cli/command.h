@@ -23,9 +23,10 @@ class App;
 namespace maneuver::cli {
 
 enum ExitCode : int {
-  kOk = 0,      // all done
-  kFailed = 1,  // the call failed, or part of what was asked for did
-  kUsage = 2,   // the command line, or a file that it names, makes no sense
+  kOk = 0,             // all done
+  kFailed = 1,         // the call failed, or part of what was asked for did
+  kUsage = 2,          // the command line, or a file that it names, makes no sense
+  kInterrupted = 130,  // Ctrl-C stopped watching a job that continues; as shells say it
 };
 
 // A command, or a group of commands. Variables that are passed by pointer hold the default and must
@@ -47,6 +48,8 @@ class Command {
   void OptionalArgument(const std::string& name, std::string* value, const std::string& help);
   void Arguments(const std::string& name, std::vector<std::string>* values,
                  const std::string& help);
+  void OptionalArguments(const std::string& name, std::vector<std::string>* values,
+                         const std::string& help);
 
   void Option(const std::string& flags, std::string* value, const std::string& help,
               const std::string& environment = "");
@@ -60,13 +63,10 @@ class Command {
               const std::string& help);
   void Option(const std::string& flags, std::optional<double>* value, double least, double most,
               const std::string& help);
-  // An option that may be repeated, with several values each time.
+  // An option that may be repeated, with one value each time.
   void Option(const std::string& flags, std::vector<std::string>* values, const std::string& help,
               bool required = false);
-  // An option that may be repeated, with one value each time.
-  void OptionPerValue(const std::string& flags, std::vector<std::string>* values,
-                      const std::string& help);
-  // An option with several numbers, separated by commas or spaces.
+  // An option with several numbers, separated by commas. It may be repeated.
   void Option(const std::string& flags, std::vector<int64_t>* values, int64_t least, int64_t most,
               const std::string& help);
   void Choice(const std::string& flags, std::string* value, const std::vector<std::string>& choices,

@@ -1,10 +1,10 @@
 // maneuver cross-validate: measure settings, each recording by a model that did not learn from it.
 
 #include <memory>
+#include <utility>
 
 #include "client/cli/commands.h"
 #include "client/cli/job_display.h"
-#include "client/cli/json_files.h"
 #include "client/cli/resource_names.h"
 #include "client/cli/settings_argument.h"
 
@@ -26,31 +26,21 @@ struct CrossValidateArguments {
   bool validate_only = false;
 };
 
-// File first, then the preset, then --set.
-absl::Status ReadSettings(const CrossValidateArguments& arguments, Environment& environment,
-                          v1::TrainingSettings* settings) {
-  std::vector<std::string> given = arguments.assignments;
-  if (arguments.settings_file) {
-    const auto text = ReadText(*arguments.settings_file, environment);
-    if (!text.ok()) return text.status();
-    absl::Status status = ParseJson(*text, *arguments.settings_file, settings);
-    if (!status.ok()) return status;
-    const std::vector<std::string> zeros = ZerosOfSettings(*text);
-    given.insert(given.end(), zeros.begin(), zeros.end());
-  }
-  if (arguments.preset) settings->set_preset(*arguments.preset);
-  if (arguments.baselines) settings->set_baselines(true);
-  for (const std::string& assignment : arguments.assignments) {
-    absl::Status status = SetField(assignment, settings);
-    if (!status.ok()) return status;
-  }
-  return RefuseUnheardZeros(given, *settings);
+// File first, then the named options, then --set.
+absl::StatusOr<v1::TrainingSettings> Settings(const CrossValidateArguments& arguments,
+                                              Environment& environment) {
+  std::vector<std::string> assignments;
+  if (arguments.preset) assignments.push_back("preset=" + *arguments.preset);
+  if (arguments.baselines) assignments.emplace_back("baselines=true");
+  assignments.insert(assignments.end(), arguments.assignments.begin(), arguments.assignments.end());
+  return ReadSettings(arguments.settings_file, std::move(assignments), environment);
 }
 
 int CrossValidate(const CrossValidateArguments& arguments, Environment& environment) {
   v1::CrossValidateRequest request;
-  const absl::Status read = ReadSettings(arguments, environment, request.mutable_settings());
-  if (!read.ok()) return environment.Refuse(std::string(read.message()));
+  const auto settings = Settings(arguments, environment);
+  if (!settings.ok()) return environment.Refuse(std::string(settings.status().message()));
+  *request.mutable_settings() = *settings;
   for (const std::string& name : arguments.datasets) request.add_datasets(DatasetResource(name));
   for (const std::string& name : arguments.test_datasets) {
     request.add_test_datasets(DatasetResource(name));
@@ -61,7 +51,7 @@ int CrossValidate(const CrossValidateArguments& arguments, Environment& environm
   request.set_priority(static_cast<int32_t>(arguments.priority.value_or(0)));
   request.set_validate_only(arguments.validate_only);
   const auto job = environment.server_client().CrossValidate(request, environment.call_options());
-  if (!job.ok()) return environment.Fail(job.status());
+  if (!job.ok()) return environment.FailCall(job.status());
   if (arguments.validate_only) {
     PrintValid(*job, environment);
     return kOk;
@@ -89,7 +79,8 @@ void AddCrossValidate(Command& root, Environment& environment) {
                  "File with TrainingSettings as proto3 JSON");
   command.Option("--preset", &arguments->preset, "Preset, as for maneuver train [lanes]");
   command.Option("--set", &arguments->assignments,
-                 "FIELD=VALUE of TrainingSettings, such as optimization.joint_epochs=20");
+                 "FIELD=VALUE of TrainingSettings, such as optimization.joint_epochs=20; may be "
+                 "repeated");
   command.Option("--folds", &arguments->folds, 2, 100,
                  "Number of parts to divide the recordings into");
   command.Option(

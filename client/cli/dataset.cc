@@ -41,7 +41,7 @@ int Register(const std::string& name, const std::string& folder, Environment& en
   request.set_folder(folder);
   const auto dataset =
       environment.server_client().RegisterDataset(request, environment.call_options());
-  if (!dataset.ok()) return environment.Fail(dataset.status());
+  if (!dataset.ok()) return environment.FailCall(dataset.status());
   if (environment.json()) {
     environment.PrintJson(*dataset);
   } else {
@@ -57,7 +57,7 @@ int ListDatasets(Environment& environment) {
   v1::ListDatasetsResponse all;
   do {
     auto page = environment.server_client().ListDatasets(request, environment.call_options());
-    if (!page.ok()) return environment.Fail(page.status());
+    if (!page.ok()) return environment.FailCall(page.status());
     request.set_page_token(page->next_page_token());
     page->clear_next_page_token();
     all.MergeFrom(*page);
@@ -113,7 +113,7 @@ int DeleteDataset(const std::string& name, Environment& environment) {
   request.set_name(DatasetResource(name));
   const absl::Status status =
       environment.server_client().DeleteDataset(request, environment.call_options());
-  if (!status.ok()) return environment.Fail(status);
+  if (!status.ok()) return environment.FailCall(status);
   environment.err << request.name() << " is deleted\n";
   return kOk;
 }

@@ -17,7 +17,6 @@
 #include "client/cli/table.h"
 #include "client/cli/text_format.h"
 #include "client/plot/recordings_plot.h"
-#include "model/artifact/training_presets.h"
 #include "model/data/dataset_folder.h"
 
 namespace maneuver::cli {
@@ -34,6 +33,11 @@ bool IsFolder(const std::string& source) {
          DatasetResource(source).find('/', sizeof("datasets/") - 1) != std::string::npos;
 }
 
+// Returns the source as ListScenarios takes it.
+std::string PlaceOf(const std::string& source) {
+  return IsFolder(source) ? source : DatasetResource(source);
+}
+
 bool HoldsDataset(const std::string& folder) {
   std::error_code error;
   return std::filesystem::exists(std::filesystem::path(folder) / "dataset.json", error);
@@ -46,15 +50,9 @@ absl::StatusOr<v1::DatasetSummary> Describe(const std::string& source,
     request.set_name(DatasetResource(source));
     return environment.server_client().DescribeDataset(request, environment.call_options());
   }
-  v1::TrainingSettings settings;
-  *settings.mutable_examples() = request.examples();
-  settings = artifact::ResolveTrainingSettings(settings);
-  const auto violations = artifact::ValidateTrainingSettings(settings);
-  if (!violations.empty()) {
-    return absl::InvalidArgumentError(
-        absl::StrCat(violations.front().field, " ", violations.front().description));
-  }
-  return data::DescribeDataset(source, settings.model(), settings.examples());
+  const auto settings = ResolveExamples(request.examples());
+  if (!settings.ok()) return settings.status();
+  return data::DescribeDataset(source, settings->model(), settings->examples());
 }
 
 std::string CountOf(int64_t count) {
@@ -82,15 +80,18 @@ std::string CountsText(const std::string& title, const Counts& counts, bool colo
 }
 
 // A line for each bin, with its share as a bar: the longest is kBarWidth characters.
+//   names_of: names the bins of a histogram whose edges are one more than its counts
 std::string HistogramText(const std::string& title, const v1::Histogram& histogram,
-                          const std::vector<std::string>& names, bool color) {
+                          std::vector<std::string> (*names_of)(const v1::Histogram&), bool color) {
   int64_t all = 0;
   int64_t most = 1;
   for (const int64_t count : histogram.counts()) {
     all += count;
     most = std::max(most, count);
   }
-  if (all == 0) return "";
+  // The bins of a histogram without all its edges have no names.
+  if (all == 0 || histogram.edges_size() != histogram.counts_size() + 1) return "";
+  const std::vector<std::string> names = names_of(histogram);
   Table table({{title}, {"EXAMPLES", Align::kRight}, {"SHARE", Align::kRight}, {""}});
   for (int i = 0; i < histogram.counts_size(); ++i) {
     const int64_t count = histogram.counts(i);
@@ -131,9 +132,9 @@ std::vector<std::string> TurnNames(const v1::Histogram& turns) {
 }
 
 // So many of the recordings, spread evenly over the dataset.
-absl::StatusOr<std::vector<v1::Scenario>> SomeRecordings(const std::string& source, int64_t count,
+//   place: as for ListScenarios
+absl::StatusOr<std::vector<v1::Scenario>> SomeRecordings(const std::string& place, int64_t count,
                                                          Environment& environment) {
-  const std::string place = IsFolder(source) ? source : DatasetResource(source);
   const auto listed = ListScenarios(place, 0, environment);
   if (!listed.ok()) return listed.status();
   const auto all = static_cast<int64_t>(listed->scenarios_size());
@@ -148,8 +149,9 @@ absl::StatusOr<std::vector<v1::Scenario>> SomeRecordings(const std::string& sour
 }
 
 int Plot(const ShowDatasetArguments& arguments, Environment& environment) {
-  const auto recordings = SomeRecordings(arguments.source, arguments.scenes, environment);
-  if (!recordings.ok()) return environment.Fail(recordings.status());
+  const std::string place = PlaceOf(arguments.source);
+  const auto recordings = SomeRecordings(place, arguments.scenes, environment);
+  if (!recordings.ok()) return FailAtSource(place, recordings.status(), environment);
   const auto picture = plot::DrawRecordings(*recordings, {});
   const absl::Status status =
       picture.ok() ? WriteFile(*arguments.plot, *picture) : picture.status();
@@ -197,9 +199,9 @@ std::string DescriptionText(const v1::DatasetSummary& summary, bool color) {
                                        ShareOf(coverage.examples_on_lanes(), examples),
                                        ") are at most 3 m from a centreline")});
   return absl::StrCat(table.Text(color),
-                      HistogramText("SPEED", summary.speeds(), SpeedNames(summary.speeds()), color),
+                      HistogramText("SPEED", summary.speeds(), SpeedNames, color),
                       HistogramText(absl::StrFormat("TURN IN %g S", summary.horizon_seconds()),
-                                    summary.turns(), TurnNames(summary.turns()), color),
+                                    summary.turns(), TurnNames, color),
                       CountsText("AGENTS", summary.agents_by_type(), color),
                       CountsText("EXAMPLES BY TARGET", summary.examples_by_type(), color),
                       CountsText("MAP FEATURES", summary.map_features_by_type(), color),
@@ -214,7 +216,7 @@ int ShowDataset(const ShowDatasetArguments& arguments, Environment& environment)
   }
   const auto summary = Describe(arguments.source, request, environment);
   if (!summary.ok()) {
-    const int failed = environment.Fail(summary.status());
+    const int failed = FailAtSource(PlaceOf(arguments.source), summary.status(), environment);
     if (!IsFolder(arguments.source) && HoldsDataset(arguments.source)) {
       environment.err << "For the folder of that name: maneuver dataset show ./" << arguments.source
                       << "\n";

@@ -88,7 +88,8 @@ client::ClientOptions Environment::client_options() {
   options.user_agent = "maneuver/" MANEUVER_VERSION;
   if (verbose) {
     options.on_retry = [this](const absl::Status& failure, absl::Duration wait) {
-      err << failure.message() << "; trying again in " << absl::FormatDuration(wait) << "\n";
+      err << Printable(std::string(failure.message())) << "; trying again in "
+          << absl::FormatDuration(wait) << "\n";
     };
   }
   options.tls = tls_options();
@@ -124,9 +125,13 @@ void Environment::PrintJson(const google::protobuf::Message& message) {
   }
 }
 
-int Environment::Fail(const absl::Status& status) {
+int Environment::Fail(const absl::Status& status) { return Fail(status, Describe(status)); }
+
+int Environment::FailCall(const absl::Status& status) { return Fail(status, Explain(status)); }
+
+int Environment::Fail(const absl::Status& status, const std::string& message) {
   PrintError(absl::StatusCodeToString(status.code()), client::ErrorDetailsOf(status).reason,
-             Explain(status));
+             message);
   return kFailed;
 }
 
@@ -184,7 +189,7 @@ std::string Environment::Explain(const absl::Status& status) const {
                         "; start one with maneuverd --data-dir DIR, name it with --server, or add "
                         "--tls or --tls-ca if it serves over TLS (",
                         text, ")");
-  } else if (absl::IsDeadlineExceeded(status)) {
+  } else if (absl::IsDeadlineExceeded(status) && details.reason.empty()) {
     text = absl::StrCat("the server at ", server, " did not answer in time; allow more with ",
                         time_limit, " (", text, ")");
   } else if (absl::IsUnimplemented(status)) {

@@ -65,9 +65,11 @@ class Environment {
   // Prints `message` as proto3 JSON, including fields with default values.
   void PrintJson(const google::protobuf::Message& message);
 
-  // Writes to `errors` why a command failed and what to do; returns kFailed. With --output json it
-  // writes one line of JSON: {"error": {"code", "reason", "message"}}.
+  // Writes to `errors` why a command failed, as Describe says it; returns kFailed. With --output
+  // json it writes one line of JSON: {"error": {"code", "reason", "message"}}.
   int Fail(const absl::Status& status);
+  // Does the same for a call to the server that failed. Also says what to do, as Explain does.
+  int FailCall(const absl::Status& status);
   // Does the same as Fail for an error about a local file or folder. The message begins with
   // `path`.
   int FailAt(const std::string& path, const absl::Status& status);
@@ -76,16 +78,18 @@ class Environment {
   void PrintError(const std::string& code, const std::string& reason, const std::string& message);
   // Reports an invalid command line in the same form as Fail. Returns kUsage.
   int Refuse(const std::string& message);
-  // Returns what Fail says about a call: why it failed and what to do, as in Describe.
+  // Returns why a call to the server failed, and what to do; then the details, as Describe does.
   std::string Explain(const absl::Status& status) const;
-  // Returns an error within an answer, as that of a job: the message, when to try again, then each
-  // wrong field on its own line.
+  // Returns an error of this machine, or within an answer, as that of a job: the message, when to
+  // try again, then each wrong field on its own line.
   static std::string Describe(const absl::Status& status);
   // Returns whether all answers could be printed and written to `out`. If not, says so on `errors`. A
   // pipe that its reader has closed, as head does, is no failure.
   bool Flush();
 
  private:
+  int Fail(const absl::Status& status, const std::string& message);
+
   std::ostream messages_;  // what `err` refers to; discards all output with --quiet
 
   // How calls are secured; none for plain text.

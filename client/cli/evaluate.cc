@@ -25,10 +25,10 @@ struct EvaluateArguments {
   bool validate_only = false;
 };
 
-int SayHowToDraw(const v1::Job& job, const EvaluateArguments& arguments, Environment& environment) {
+void SayHowToDraw(const v1::Job& job, const EvaluateArguments& arguments,
+                  Environment& environment) {
   environment.err << "when it has ended, draw the figures with: maneuver job show "
                   << ShortName(job.name()) << " --figures " << *arguments.figures << "\n";
-  return kOk;
 }
 
 int Evaluate(const EvaluateArguments& arguments, Environment& environment) {
@@ -49,7 +49,7 @@ int Evaluate(const EvaluateArguments& arguments, Environment& environment) {
   request.set_priority(static_cast<int32_t>(arguments.priority.value_or(0)));
   request.set_validate_only(arguments.validate_only);
   const auto job = environment.server_client().Evaluate(request, environment.call_options());
-  if (!job.ok()) return environment.Fail(job.status());
+  if (!job.ok()) return environment.FailCall(job.status());
   if (arguments.validate_only) {
     PrintValid(*job, environment);
     return kOk;
@@ -57,19 +57,19 @@ int Evaluate(const EvaluateArguments& arguments, Environment& environment) {
   const int watched =
       ShowStarted(*job, absl::StrCat("measures ", request.model(), " on ", request.dataset()),
                   arguments.detach, environment);
-  if (watched != kOk) return watched;
+  if (watched == kFailed) return watched;
   const int reported = arguments.report.any()
                            ? WriteReportOfWatched(job->name(), arguments.report, environment)
                            : kOk;
+  if (watched == kInterrupted || arguments.detach) {
+    if (arguments.figures) SayHowToDraw(*job, arguments, environment);
+    return watched;
+  }
   if (reported != kOk || !arguments.figures) return reported;
-  if (arguments.detach) return SayHowToDraw(*job, arguments, environment);
   v1::GetJobRequest ended;
   ended.set_name(job->name());
   const auto evaluated = environment.server_client().GetJob(ended, environment.call_options());
-  if (!evaluated.ok()) return environment.Fail(evaluated.status());
-  if (!evaluated->has_evaluation()) {  // left before its end
-    return SayHowToDraw(*job, arguments, environment);
-  }
+  if (!evaluated.ok()) return environment.FailCall(evaluated.status());
   return DrawFigures(evaluated->evaluation(), *arguments.figures, environment);
 }
 

@@ -71,7 +71,7 @@ class Figures {
     v1::GetActionSetRequest request;
     request.set_name(report_.model_version());
     auto actions = environment_.server_client().GetActionSet(request, environment_.call_options());
-    if (!actions.ok()) return environment_.Fail(actions.status());
+    if (!actions.ok()) return environment_.FailCall(actions.status());
     actions_ = *std::move(actions);
     Save("actions", actions_.has_speed() ? DrawGallery(report_.model_version(), {}, environment_)
                                          : plot::DrawActionSet(actions_, {}));
@@ -88,7 +88,7 @@ class Figures {
     if (status.ok()) {
       environment_.err << "the picture is " << file << "\n";
     } else {
-      environment_.Fail(status);
+      environment_.FailCall(status);
       all_well_ = false;
     }
   }

@@ -19,13 +19,15 @@ inline constexpr int kSampledExamples = 500;
 absl::Status PrepareFigureFolder(const std::string& folder);
 
 // Draws these pictures into `folder`, which is created if it is missing:
-//   actions.png       each effective action's mean with its sigma trajectories
+//   actions.png       each effective action's mean with its sigma trajectories; if actions depend on
+//                     the speed, all means at each of several speeds
 //   action-means.png  the means over the report's sampled examples
 //   reliability.png   p(y|s) against q(y|x,s)
 //   scene-left.png, scene-right.png, scene-far.png, scene-open.png
 //                     generic and posterior distributions in four of the sampled scenes: where the
-//                     target went furthest to the left, furthest to the right and furthest of all,
-//                     and where p(y|s) has the largest entropy. None is chosen by its error.
+//                     target ends furthest to the left, to the right and ahead, and where p(y|s)
+//                     has the largest entropy. Each is of another recording. None is chosen by its
+//                     error.
 // Action set, recordings and predictions come from the server. Returns kOk if all were drawn.
 int DrawFigures(const v1::EvaluationReport& report, const std::string& folder,
                 Environment& environment);

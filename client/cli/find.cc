@@ -568,6 +568,8 @@ int Find(FindArguments arguments, Environment& environment) {
     return environment.Refuse(
         "--plot without --by, --extract and --as-dataset need the recordings: --dataset FOLDER");
   }
+  const absl::Status distinct = CheckFolderNames(arguments.datasets);
+  if (!distinct.ok()) return environment.Refuse(std::string(distinct.message()));
   const auto fail = [&](const absl::Status& status) {
     return absl::IsInvalidArgument(status) ? environment.Refuse(std::string(status.message()))
                                            : environment.Fail(status);
@@ -604,9 +606,9 @@ void AddFind(Command& root, Environment& environment) {
       "         maneuver find tags --by action --where class=vehicle\n"
       "         maneuver find tags --by action --per speed --against tags-may --plot shares.png");
   command.Arguments("TAGS", &arguments->folders, "Folders of maneuver tag");
-  command.OptionPerValue("--action", &arguments->actions,
-                         "Names or numbers of actions; any of several");
-  command.OptionPerValue("--scene", &arguments->scenes, "Ids of recordings; any of several");
+  command.Option("--action", &arguments->actions,
+                 "Name or number of an action; may be repeated: any of them");
+  command.Option("--scene", &arguments->scenes, "Id of a recording; may be repeated: any of them");
   command.Option("--min-probability", &arguments->min_probability, 0.0, 1.0,
                  "Least p(y|s) of the action");
   command.Option("--speed", &arguments->speed, "Speed at the beginning, m/s: 5..12, 5.. or ..12");
@@ -614,14 +616,14 @@ void AddFind(Command& root, Environment& environment) {
                  "X,Y,R: the row begins within R metres of this point of the world");
   command.Option("--surprise", &arguments->surprise,
                  "top:N: the N with the largest -ln p(y|s); or the least -ln p, nats");
-  command.OptionPerValue("--where", &arguments->conditions,
-                         "A condition on a column: \"ade > 5\", class=pedestrian");
-  command.OptionPerValue("--followed-by", &arguments->followed_by,
-                         "The same target does this next, at most --within later");
-  command.OptionPerValue("--with", &arguments->meanwhile,
-                         "Another target of the recording does this at the same time");
-  command.OptionPerValue("--answered-by", &arguments->answered_by,
-                         "Another target begins this afterwards, at most --within after the end");
+  command.Option("--where", &arguments->conditions,
+                 "A condition on a column: \"ade > 5\", class=pedestrian");
+  command.Option("--followed-by", &arguments->followed_by,
+                 "The same target does this next, at most --within later");
+  command.Option("--with", &arguments->meanwhile,
+                 "Another target of the recording does this at the same time");
+  command.Option("--answered-by", &arguments->answered_by,
+                 "Another target begins this afterwards, at most --within after the end");
   command.Option("--within", &arguments->within, 0.0, 1e6,
                  "Seconds, for --followed-by and --answered-by [3]");
   command.Option("--distance", &arguments->distance, 0.0, 1e6,
@@ -635,12 +637,12 @@ void AddFind(Command& root, Environment& environment) {
                  {"class", "speed", "place", "hour", "scene", "dataset", "action"},
                  "Count each part of the rows apart; shares are of the part's windows");
   command.Option("--against", &arguments->against,
-                 "Compare the shares with those in other folders of tags");
+                 "Compare the shares with those in another folder of tags; may be repeated");
   command.Option("--limit", &arguments->limit, 0, kMostMatches, "Most matches to show [20]");
   command.Flag("--distinct", &arguments->distinct,
                "Leave out near-duplicates: same actions, place, heading, speed and latent");
   command.Option("--dataset", &arguments->datasets,
-                 "Folders of the datasets that were tagged, for the next three");
+                 "Folder of a dataset that was tagged, for the next three; may be repeated");
   command.Picture("--plot", &arguments->plot,
                   "PNG file to draw the first 16 matches into; with --by, the shares and their "
                   "intervals");

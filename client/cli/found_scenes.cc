@@ -23,14 +23,33 @@ double StateTime(const v1::Scenario& scene, int64_t target, double rounded) {
   return state == agent->states().end() ? rounded : state->time();
 }
 
+// Returns the path from the root, without links and dots.
+std::filesystem::path WholePath(const std::string& folder) {
+  std::error_code error;
+  const std::filesystem::path whole = std::filesystem::weakly_canonical(folder, error);
+  return error ? std::filesystem::path(folder) : whole;
+}
+
 }  // namespace
+
+absl::Status CheckFolderNames(const std::vector<std::string>& folders) {
+  std::map<std::string, std::string> named;  // folder by its name
+  for (const std::string& folder : folders) {
+    const std::filesystem::path whole = WholePath(folder);
+    const auto [other, is_new] = named.emplace(whole.filename().string(), folder);
+    if (!is_new && WholePath(other->second) != whole) {
+      return absl::InvalidArgumentError(absl::StrCat("--dataset: ", other->second, " and ", folder,
+                                                     " have the same name; tags tell datasets "
+                                                     "apart by it"));
+    }
+  }
+  return absl::OkStatus();
+}
 
 FoundScenes::FoundScenes(const tags::TagSet& set, const std::vector<std::string>& folders)
     : set_(set) {
   for (const std::string& folder : folders) {
-    std::error_code error;
-    const std::filesystem::path whole = std::filesystem::weakly_canonical(folder, error);
-    folders_[(error ? std::filesystem::path(folder) : whole).filename().string()] = folder;
+    folders_[WholePath(folder).filename().string()] = folder;
   }
 }
 

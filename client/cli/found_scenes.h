@@ -16,12 +16,16 @@
 
 namespace maneuver::cli {
 
+// INVALID_ARGUMENT if two of the folders have the same name: tags name datasets by it.
+absl::Status CheckFolderNames(const std::vector<std::string>& folders);
+
 // Reads recordings from dataset folders by their indexes, which it opens when they are first
 // needed. Not thread-safe.
 class FoundScenes {
  public:
   //   set: must outlive this object
-  //   folders: of the datasets that were tagged; each bears the name that the tags give its dataset
+  //   folders: of the datasets that were tagged; each bears the name that the tags give its dataset;
+  //     CheckFolderNames accepts them
   FoundScenes(const tags::TagSet& set, const std::vector<std::string>& folders);
 
   // Returns the recording of a match as a scene. Its targets are those of the match: one or two.

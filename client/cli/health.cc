@@ -12,7 +12,7 @@ int Health(const std::string& service, Environment& environment) {
   client::CallOptions call = environment.call_options();
   if (!call.timeout) call.timeout = absl::Seconds(5);
   const absl::Status status = environment.server_client().CheckHealth(service, call);
-  if (!status.ok()) return environment.Fail(status);
+  if (!status.ok()) return environment.FailCall(status);
   if (environment.json()) {
     environment.out << "{\"status\": \"SERVING\"}\n";
   } else {

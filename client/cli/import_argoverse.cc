@@ -1,7 +1,6 @@
 // maneuver import argoverse: sequences of Argoverse 1 Motion Forecasting as a dataset folder.
 
 #include <memory>
-#include <optional>
 #include <string>
 #include <utility>
 
@@ -76,7 +75,7 @@ class ArgoverseFiles {
 
 struct ArgoverseArguments {
   ImportArguments common;
-  std::optional<std::string> maps;
+  std::string maps;
 };
 
 }  // namespace
@@ -93,14 +92,10 @@ void AddImportArgoverse(Command& import, Environment& environment) {
       "Then:    maneuver dataset upload argoverse argoverse\n"
       "         maneuver train pittsburgh --dataset argoverse --horizon 3s");
   AddImportOptions(command, arguments->common, "CSV files, or folders of them");
-  command.Option("--maps", &arguments->maps,
-                 "Folder of the vector maps (map_files); none: import without a map");
+  command.Argument("--maps", &arguments->maps,
+                   "Folder of the vector maps (map_files); none: import without a map");
   command.Run([arguments, &environment] {
-    if (!arguments->maps) {
-      return environment.Refuse(
-          "--maps is missing; name the folder of the vector maps (map_files), or none");
-    }
-    const auto files = std::make_shared<ArgoverseFiles>(*arguments->maps);
+    const auto files = std::make_shared<ArgoverseFiles>(arguments->maps);
     return RunImport(arguments->common,
                      {.name = "Argoverse sequence",
                       .find = [](const auto& inputs) { return FindFiles(inputs, ".csv"); },

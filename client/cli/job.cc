@@ -75,7 +75,7 @@ int ListJobs(const ListArguments& arguments, Environment& environment) {
   bool is_older = false;  // newest come first
   do {
     auto page = environment.server_client().ListJobs(request, environment.call_options());
-    if (!page.ok()) return environment.Fail(page.status());
+    if (!page.ok()) return environment.FailCall(page.status());
     request.set_page_token(page->next_page_token());
     for (v1::Job& job : *page->mutable_jobs()) {
       // Nobody knows when a damaged job was created.
@@ -122,7 +122,7 @@ int ShowJob(const std::string& name, const std::optional<std::string>& figures,
   v1::GetJobRequest request;
   request.set_name(JobResource(name));
   const auto job = environment.server_client().GetJob(request, environment.call_options());
-  if (!job.ok()) return environment.Fail(job.status());
+  if (!job.ok()) return environment.FailCall(job.status());
   if (figures && job->evaluation().sampled_examples().empty()) {
     return environment.Refuse(
         "this job has no figures: only an evaluation that was started with maneuver evaluate ... "
@@ -185,7 +185,7 @@ int Cancel(const std::string& name, Environment& environment) {
   v1::CancelJobRequest request;
   request.set_name(JobResource(name));
   const auto job = environment.server_client().CancelJob(request, environment.call_options());
-  if (!job.ok()) return environment.Fail(job.status());
+  if (!job.ok()) return environment.FailCall(job.status());
   if (environment.json()) {
     environment.PrintJson(*job);
   } else {
@@ -199,7 +199,7 @@ int Resume(const std::string& name, bool detach, Environment& environment) {
   v1::ResumeJobRequest request;
   request.set_name(JobResource(name));
   const auto job = environment.server_client().ResumeJob(request, environment.call_options());
-  if (!job.ok()) return environment.Fail(job.status());
+  if (!job.ok()) return environment.FailCall(job.status());
   if (!detach) return WatchToEnd(job->name(), environment);
   if (environment.json()) {
     environment.PrintJson(*job);
@@ -215,7 +215,7 @@ int DeleteJob(const std::string& name, Environment& environment) {
   request.set_name(JobResource(name));
   const absl::Status status =
       environment.server_client().DeleteJob(request, environment.call_options());
-  if (!status.ok()) return environment.Fail(status);
+  if (!status.ok()) return environment.FailCall(status);
   environment.err << request.name() << " is deleted; its results stay\n";
   return kOk;
 }
@@ -252,7 +252,7 @@ void AddJob(Command& root, Environment& environment) {
   Command watch =
       group.Add("watch", "Follow a job until it ends",
                 "Shows all progress from the start. Ctrl-C stops watching, not the job.\n"
-                "Exit status 0 if the job succeeded.\n"
+                "The exit status is 0 if the job succeeded, 130 after Ctrl-C, otherwise 1.\n"
                 "Example: maneuver job watch 3f2a");
   watch.Argument("JOB", name.get(), "Its name");
   watch.Run([=, &environment] { return WatchToEnd(JobResource(*name), environment); });

@@ -35,7 +35,7 @@ class JobDisplay {
     if (job.state() == v1::JOB_STATE_PENDING) {
       line_.Show(0.0, "waiting for its turn");
       if (form_ == ProgressForm::kNone && !waiting_said_) {
-        environment_.err << job.name() << " waits for its turn\n";
+        environment_.err << Printable(job.name()) << " waits for its turn\n";
       }
       waiting_said_ = true;
       return;
@@ -128,7 +128,7 @@ std::string Datasets(const v1::Job& job) {
 }
 
 std::string ProgressText(const v1::JobProgress& progress, const v1::EpochReport& last_report) {
-  std::string text = progress.phase();
+  std::string text = Printable(progress.phase());
   if (progress.epochs() > 1) {
     absl::StrAppend(&text, " ", progress.epoch(), "/", progress.epochs());
   }
@@ -167,9 +167,9 @@ std::string TagsText(const v1::Tags& tags) {
 std::string PromotionText(const v1::Job& job, bool color) {
   if (!job.has_promotion_decision()) return "";
   const v1::PromotionDecision& decision = job.promotion_decision();
-  std::string text = absl::StrCat(
-      ShortName(job.model_version()),
-      decision.promoted() ? " was promoted: " : " was not promoted: ", decision.reason(), "\n");
+  std::string text = absl::StrCat(Printable(ShortName(job.model_version())),
+                                  decision.promoted() ? " was promoted: " : " was not promoted: ",
+                                  PrintableLines(decision.reason()), "\n");
   if (decision.has_comparison()) {
     absl::StrAppend(&text, "\n", ComparisonText(decision.comparison(), color));
   }
@@ -292,14 +292,14 @@ int WatchToEnd(const std::string& job, Environment& environment) {
   display.Clear();
   if (!ended.ok() && left) {
     PrintHowToGoOn(job, environment);
-    return kOk;
+    return kInterrupted;
   }
   if (!ended.ok()) {
     const bool is_refused =
         absl::IsNotFound(ended.status()) || absl::IsInvalidArgument(ended.status()) ||
         absl::IsUnauthenticated(ended.status()) || absl::IsPermissionDenied(ended.status());
     if (!is_refused) PrintHowToGoOn(job, environment);
-    return environment.Fail(ended.status());
+    return environment.FailCall(ended.status());
   }
   return PrintOutcome(*ended, environment);
 }

@@ -30,8 +30,8 @@ std::string HeldOutText(const v1::ModelManifest& manifest, bool color);
 
 // Follows a job until it ends, and shows its progress as --progress says: by default a bar on a
 // terminal, otherwise a line for each epoch. Then prints its result. Ctrl-C stops watching but not
-// the job, and says how to continue watching. Returns kOk if the job succeeded or was left running,
-// else kFailed.
+// the job, and says how to continue watching. Returns kOk if the job succeeded, kInterrupted if it
+// was left running, else kFailed.
 int WatchToEnd(const std::string& job, Environment& environment);
 
 // Shows a job that has just been started. Says why no server can run it now, if none can. Then

@@ -16,8 +16,10 @@
 #include "client/cli/priority_option.h"
 #include "client/cli/progress_line.h"
 #include "client/cli/resource_names.h"
+#include "client/cli/scenario_source.h"
 #include "client/cli/text_format.h"
 #include "client/error_details.h"
+#include "client/load/metrics_page.h"
 #include "client/load/request_mix.h"
 #include "client/load/server_callee.h"
 #include "client/map_reuse.h"
@@ -118,6 +120,12 @@ class LoadCommand {
   int Run() {
     const auto plan = CommonPlan(arguments_, environment_);
     if (!plan.ok()) return Refuse(plan.status());
+    const auto targets = ParseWholeRange("--targets", arguments_.targets, 1, 10'000);
+    if (!targets.ok()) return Refuse(targets.status());
+    if (!arguments_.metrics.empty()) {
+      const absl::Status address = load::CheckMetricsAddress(arguments_.metrics);
+      if (!address.ok()) return environment_.Refuse(absl::StrCat("--metrics: ", address.message()));
+    }
     std::vector<SweepRate> rates;
     if (!arguments_.rates.empty()) {
       auto parsed = ParseRates(arguments_.rates);
@@ -128,12 +136,21 @@ class LoadCommand {
       return environment_.Refuse(
           "--concurrency: no rate of --rates is a share of what callers get");
     }
-    const absl::Status prepared = Prepare();
-    if (absl::IsInvalidArgument(prepared) || absl::IsNotFound(prepared)) return Refuse(prepared);
-    if (!prepared.ok()) return environment_.Fail(prepared);
-    absl::Status status = Probe();
+    load::RequestMix mix;
+    mix.least_targets = static_cast<int>(targets->least);
+    mix.most_targets = static_cast<int>(targets->most);
+    mix.seed = static_cast<uint64_t>(arguments_.seed);
+    const auto scenes = ReadLoadScenes({.files = arguments_.files,
+                                        .source = arguments_.dataset,
+                                        .most = static_cast<int>(arguments_.scenes),
+                                        .most_targets = mix.most_targets,
+                                        .seed = mix.seed},
+                                       environment_);
+    if (!scenes.ok()) return FailToRead(scenes.status());
+    absl::Status status = Prepare(*scenes, mix);
+    if (status.ok()) status = Probe();
     if (status.ok()) status = Connect();
-    if (!status.ok()) return environment_.Fail(status);
+    if (!status.ok()) return environment_.FailCall(status);
 
     report_.server = environment_.server;
     {
@@ -149,24 +166,19 @@ class LoadCommand {
     return environment_.Refuse(std::string(status.message()));
   }
 
-  absl::Status Prepare() {
-    const auto targets = ParseWholeRange("--targets", arguments_.targets, 1, 10'000);
-    if (!targets.ok()) return targets.status();
-    load::RequestMix mix;
-    mix.least_targets = static_cast<int>(targets->least);
-    mix.most_targets = static_cast<int>(targets->most);
-    mix.seed = static_cast<uint64_t>(arguments_.seed);
-    const auto scenes = ReadLoadScenes({.files = arguments_.files,
-                                        .source = arguments_.dataset,
-                                        .most = static_cast<int>(arguments_.scenes),
-                                        .most_targets = mix.most_targets,
-                                        .seed = static_cast<uint64_t>(arguments_.seed)},
-                                       environment_);
-    if (!scenes.ok()) return scenes.status();
-    std::vector<v1::PredictRequest> requests =
-        load::MakeRequests(*scenes, Pattern(arguments_), mix);
+  // A file or folder that makes no sense is a wrong command line; an error of the server is not.
+  int FailToRead(const absl::Status& status) {
+    const bool is_wrong = absl::IsInvalidArgument(status) || absl::IsNotFound(status);
+    return is_wrong && !IsOnServer(arguments_.dataset)
+               ? Refuse(status)
+               : FailAtSource(arguments_.dataset, status, environment_);
+  }
+
+  // Makes the requests. Errors: those of registering maps.
+  absl::Status Prepare(const std::vector<v1::Scenario>& scenes, const load::RequestMix& mix) {
+    std::vector<v1::PredictRequest> requests = load::MakeRequests(scenes, Pattern(arguments_), mix);
     if (arguments_.register_maps) {
-      const absl::Status registered = RegisterMaps(scenes->size(), &requests);
+      const absl::Status registered = RegisterMaps(scenes.size(), &requests);
       if (!registered.ok()) return registered;
     }
     first_ = requests.front();
@@ -195,8 +207,8 @@ class LoadCommand {
     return absl::OkStatus();
   }
 
-  // One call, so that what is wrong altogether is said in words and not in a table. To be told to
-  // come later is nothing wrong: who makes load may find some.
+  // Makes one call, so that an error of every call is told in words, not in a table. An overloaded
+  // server is no error here.
   absl::Status Probe() {
     const auto answer = environment_.server_client().Predict(first_, environment_.call_options());
     if (absl::IsResourceExhausted(answer.status()) &&
@@ -235,7 +247,7 @@ class LoadCommand {
     plan.loop = callers;
     const bool measure_capacity = MeasuresCapacity(rates);
     if (rates.empty() || measure_capacity) {
-      // A deadline is for those who come at their rate: what the server can do has none.
+      // Capacity is measured without a deadline.
       if (measure_capacity) plan.deadline.reset();
       const absl::Status status = RunStep(callers_name, plan);
       if (!status.ok() || stop_.cancelled() || rates.empty()) return status;
@@ -355,8 +367,9 @@ constexpr char kHelp[] =
 void AddLoad(Command& root, Environment& environment) {
   const auto arguments = std::make_shared<LoadArguments>();
   Command command = root.Add("load", "How much can the server take?", kHelp);
-  command.Option("FILE", &arguments->files,
-                 "Scenarios to ask about, as for maneuver predict [scenes of the synthetic town]");
+  command.OptionalArguments(
+      "FILE", &arguments->files,
+      "Scenarios to ask about, as for maneuver predict [scenes of the synthetic town]");
   command.Option("--dataset", &arguments->dataset,
                  "Ask about scenes of this folder, or of datasets/NAME on the server");
   command.Option("--scenes", &arguments->scenes, 1, 100'000,

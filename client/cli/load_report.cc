@@ -143,7 +143,8 @@ std::string Remarks(const LoadStep& step) {
            "calls; --send-all sends them too");
   }
   if (tally.refused_targets > 0) {
-    remark(tally.refused_targets, " targets were refused in answers: ", tally.failure.message());
+    remark(tally.refused_targets,
+           " targets were refused in answers: ", Printable(std::string(tally.failure.message())));
   }
   if (tally.unsent > 0) {
     remark(tally.unsent, " calls were never sent: more than ", step.plan.max_in_flight,

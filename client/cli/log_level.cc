@@ -25,7 +25,7 @@ const char* NameOf(v1::LogLevel level) {
 
 int ShowLevel(Environment& environment) {
   const auto answer = environment.server_client().GetLogLevel({}, environment.call_options());
-  if (!answer.ok()) return environment.Fail(answer.status());
+  if (!answer.ok()) return environment.FailCall(answer.status());
   if (environment.json()) {
     environment.PrintJson(*answer);
   } else {
@@ -43,7 +43,7 @@ int Change(const std::string& level, Environment& environment) {
     return environment.Refuse("LEVEL is one of debug, info, warning and error");
   }
   const auto answer = environment.server_client().SetLogLevel(request, environment.call_options());
-  if (!answer.ok()) return environment.Fail(answer.status());
+  if (!answer.ok()) return environment.FailCall(answer.status());
   if (environment.json()) {
     environment.PrintJson(*answer);
   } else {

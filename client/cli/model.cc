@@ -58,11 +58,15 @@ int ListModels(const std::string& model, Environment& environment) {
   v1::ListModelVersionsResponse all;
   do {
     auto page = environment.server_client().ListModelVersions(request, environment.call_options());
-    if (!page.ok()) return environment.Fail(page.status());
+    if (!page.ok()) return environment.FailCall(page.status());
     request.set_page_token(page->next_page_token());
     page->clear_next_page_token();
     all.MergeFrom(*page);
   } while (!request.page_token().empty());
+  if (!model.empty() && all.model_versions().empty()) {
+    return environment.Fail(absl::NotFoundError(absl::StrCat(
+        "there is no version of ", model, "; maneuver model list shows those of all models")));
+  }
   if (environment.json()) {
     environment.PrintJson(all);
     return kOk;
@@ -145,13 +149,13 @@ int ShowModel(const std::string& name, Environment& environment) {
   request.set_name(ModelResource(name));
   const auto version =
       environment.server_client().GetModelVersion(request, environment.call_options());
-  if (!version.ok()) return environment.Fail(version.status());
+  if (!version.ok()) return environment.FailCall(version.status());
   if (environment.json()) {
     environment.PrintJson(*version);
     return kOk;
   }
   const auto evaluated = EvaluatedOn(version->name(), environment);
-  if (!evaluated.ok()) return environment.Fail(evaluated.status());
+  if (!evaluated.ok()) return environment.FailCall(evaluated.status());
   const v1::ModelManifest& manifest = version->manifest();
   const v1::ModelSpec& spec = manifest.spec();
   int effective = 0;
@@ -215,12 +219,12 @@ int Actions(const ModelArguments& arguments, Environment& environment) {
   request.set_name(ModelResource(arguments.model));
   if (arguments.speed) request.set_speed(*arguments.speed);
   const auto set = environment.server_client().GetActionSet(request, environment.call_options());
-  if (!set.ok()) return environment.Fail(set.status());
+  if (!set.ok()) return environment.FailCall(set.status());
   if (arguments.plot) {
     const absl::StatusOr<std::string> picture = DrawActions(*set, arguments, environment);
     const absl::Status status =
         picture.ok() ? WriteFile(*arguments.plot, *picture) : picture.status();
-    if (!status.ok()) return environment.Fail(status);
+    if (!status.ok()) return environment.FailCall(status);
     environment.err << "the picture is " << *arguments.plot << "\n";
   }
   if (environment.json()) {
@@ -267,7 +271,7 @@ int DeleteModel(const std::string& name, Environment& environment) {
   if (!IsVersion(request.name())) return RefuseModel("delete", name, environment);
   const absl::Status status =
       environment.server_client().DeleteModelVersion(request, environment.call_options());
-  if (!status.ok()) return environment.Fail(status);
+  if (!status.ok()) return environment.FailCall(status);
   environment.err << request.name() << " is deleted\n";
   return kOk;
 }
@@ -301,9 +305,13 @@ int Promote(const ModelArguments& arguments, Environment& environment) {
   required.Update(ParseRequirements(arguments.not_behind, v1::RIVAL_STANDARD_NOT_BEHIND,
                                     "--not-behind", request.mutable_requirements()));
   if (!required.ok()) return environment.Refuse(std::string(required.message()));
-  if (request.requirements().empty() == arguments.dataset.has_value()) {
+  if (!request.requirements().empty() && !arguments.dataset) {
     return environment.Refuse(
         "--ahead-of and --not-behind need --dataset, which names the evaluation to check");
+  }
+  if (request.requirements().empty() && arguments.dataset) {
+    return environment.Refuse(
+        "--dataset needs --ahead-of or --not-behind, which say what its evaluation must meet");
   }
   if (arguments.dataset) request.set_dataset(DatasetResource(*arguments.dataset));
   // For the table of what became of its actions.
@@ -314,7 +322,7 @@ int Promote(const ModelArguments& arguments, Environment& environment) {
                 environment);
   }
   const auto alias = environment.server_client().SetModelAlias(request, environment.call_options());
-  if (!alias.ok()) return environment.Fail(alias.status());
+  if (!alias.ok()) return environment.FailCall(alias.status());
   if (environment.json()) {
     environment.PrintJson(*alias);
     return kOk;
@@ -340,7 +348,7 @@ int RemoveAlias(const std::string& name, Environment& environment) {
   request.set_name(alias.name());
   const absl::Status status =
       environment.server_client().DeleteModelAlias(request, environment.call_options());
-  if (!status.ok()) return environment.Fail(status);
+  if (!status.ok()) return environment.FailCall(status);
   if (environment.json()) {
     environment.PrintJson(alias);
   } else {
@@ -364,13 +372,13 @@ int Label(const ModelArguments& arguments, Environment& environment) {
     named.set_name(request.name());
     const auto version =
         environment.server_client().GetModelVersion(named, environment.call_options());
-    if (!version.ok()) return environment.Fail(version.status());
+    if (!version.ok()) return environment.FailCall(version.status());
     request.set_name(version->name());
   }
   request.set_action_id(static_cast<int32_t>(arguments.action));
   request.set_label(arguments.label);
   const auto action = environment.server_client().LabelAction(request, environment.call_options());
-  if (!action.ok()) return environment.Fail(action.status());
+  if (!action.ok()) return environment.FailCall(action.status());
   if (environment.json()) {
     environment.PrintJson(*action);
   } else {

@@ -106,11 +106,11 @@ int PrintActionMapping(const std::string& baseline, const std::string& candidate
   request.set_name(baseline);
   const auto before =
       environment.server_client().GetModelVersion(request, environment.call_options());
-  if (!before.ok()) return environment.Fail(before.status());
+  if (!before.ok()) return environment.FailCall(before.status());
   request.set_name(candidate);
   const auto after =
       environment.server_client().GetModelVersion(request, environment.call_options());
-  if (!after.ok()) return environment.Fail(after.status());
+  if (!after.ok()) return environment.FailCall(after.status());
   environment.out << "\nWhich action is which:\n\n"
                   << ActionMappingText(*before, *after, environment.color);
   return kOk;
@@ -118,15 +118,15 @@ int PrintActionMapping(const std::string& baseline, const std::string& candidate
 
 int Compare(const CompareArguments& arguments, Environment& environment) {
   const auto baselines = ListReports(ModelResource(arguments.baseline), environment);
-  if (!baselines.ok()) return environment.Fail(baselines.status());
+  if (!baselines.ok()) return environment.FailCall(baselines.status());
   const auto candidates = ListReports(ModelResource(arguments.candidate), environment);
-  if (!candidates.ok()) return environment.Fail(candidates.status());
+  if (!candidates.ok()) return environment.FailCall(candidates.status());
   const auto dataset = ChooseDataset(arguments, *baselines, *candidates);
   if (!dataset.ok()) return environment.Fail(dataset.status());
   const auto baseline = ReadReport(*baselines, *dataset, environment);
-  if (!baseline.ok()) return environment.Fail(baseline.status());
+  if (!baseline.ok()) return environment.FailCall(baseline.status());
   const auto candidate = ReadReport(*candidates, *dataset, environment);
-  if (!candidate.ok()) return environment.Fail(candidate.status());
+  if (!candidate.ok()) return environment.FailCall(candidate.status());
   const auto comparison = Compared(arguments, *baseline, *candidate);
   if (!comparison.ok()) return environment.Fail(comparison.status());
   if (environment.json()) {

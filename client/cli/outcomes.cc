@@ -25,7 +25,6 @@
 #include "client/error_details.h"
 #include "client/observed_scenario.h"
 #include "google/protobuf/struct.pb.h"
-#include "model/artifact/training_presets.h"
 #include "model/data/dataset_folder.h"
 #include "model/data/example_index.h"
 #include "model/evaluation/strata.h"
@@ -112,16 +111,13 @@ class OutcomesCommand {
         progress_(environment.errors, environment.progress_form()) {}
 
   int Run() {
-    v1::TrainingSettings settings;
     for (const std::string& assignment : arguments_.assignments) {
-      const absl::Status status = SetExampleField(assignment, settings.mutable_examples());
+      const absl::Status status = SetExampleField(assignment, &examples_);
       if (!status.ok()) return environment_.Refuse(std::string(status.message()));
     }
-    settings = artifact::ResolveTrainingSettings(settings);
-    if (const auto wrong = artifact::ValidateTrainingSettings(settings); !wrong.empty()) {
-      return environment_.Refuse(absl::StrCat(wrong.front().field, " ", wrong.front().description));
-    }
-    examples_ = settings.examples();
+    const auto settings = ResolveExamples(examples_);
+    if (!settings.ok()) return environment_.Refuse(std::string(settings.status().message()));
+    examples_ = settings->examples();
     client::CallOptions call = environment_.call_options();
     call.cancellation = &cancellation_;
     v1::GetModelVersionRequest wanted;
@@ -154,16 +150,21 @@ class OutcomesCommand {
 
  private:
   int Fail(const absl::Status& status) {
-    return environment_.Fail(interrupt_.happened() ? absl::CancelledError("interrupted") : status);
+    if (interrupt_.happened()) return environment_.Fail(absl::CancelledError("interrupted"));
+    return unread_.ok() ? environment_.FailCall(status) : environment_.Fail(unread_);
   }
 
-  // Reports each recording of a dataset folder, of a dataset on the server, or in a file.
+  // Reports each recording of a source.
   absl::Status ReportSource(const std::string& source) {
+    if (IsOnServer(source)) return ReportDataset(source);
     std::error_code error;
-    const bool is_here = !IsOnServer(source) && fs::exists(source, error);
-    if (is_here && fs::is_directory(source, error)) {
+    if (source != "-" && !fs::exists(source, error)) {
+      return unread_ = error ? absl::NotFoundError(absl::StrCat(source, ": ", error.message()))
+                             : MissingSource(source);
+    }
+    if (fs::is_directory(source, error)) {
       const auto manifest = data::LoadDatasetManifest(source);
-      if (!manifest.ok()) return manifest.status();
+      if (!manifest.ok()) return unread_ = manifest.status();
       absl::Status status;
       int64_t done = 0;
       const absl::Status read =
@@ -172,16 +173,17 @@ class OutcomesCommand {
             ShowProgress(source, ++done, manifest->recordings());
             return status.ok();
           });
-      return read.ok() ? status : read;
+      return read.ok() ? status : unread_ = read;
     }
-    if (is_here || source == "-") {
-      v1::Scenario recording;
-      if (absl::Status status = ReadJson(source, environment_, &recording); !status.ok()) {
-        return status;
-      }
-      return Report(recording);
+    v1::Scenario recording;
+    if (absl::Status status = ReadJson(source, environment_, &recording); !status.ok()) {
+      return unread_ = status;
     }
-    const std::string dataset = DatasetResource(source);
+    return Report(recording);
+  }
+
+  // Reports each recording of a dataset on the server.
+  absl::Status ReportDataset(const std::string& dataset) {
     const auto list = ListScenarios(dataset, 0, environment_);
     if (!list.ok()) return list.status();
     for (int i = 0; i < list->scenarios_size(); ++i) {
@@ -377,6 +379,7 @@ class OutcomesCommand {
   int targets_ = 0;       // of request_
   size_t bytes_ = 0;      // of request_
   absl::Status refusal_;  // of the first report that the server refused
+  absl::Status unread_;   // why a source on this machine cannot be read
   int64_t failed_ = 0;    // targets
   ScoreSums sums_;
   std::unique_ptr<client::OutcomeStream> stream_;  // last: calls AddScores
@@ -393,7 +396,7 @@ int Collect(const CollectArguments& arguments, Environment& environment) {
   request.set_forget(arguments.forget);
   const auto response =
       environment.server_client().CollectOutcomes(request, environment.call_options());
-  if (!response.ok()) return environment.Fail(response.status());
+  if (!response.ok()) return environment.FailCall(response.status());
   if (environment.json()) {
     environment.PrintJson(*response);
   } else {
@@ -420,20 +423,17 @@ void AddOutcomes(Command& root, Environment& environment) {
       "Example: maneuver outcomes report yesterday --model town\n"
       "         maneuver outcomes report scene.json --model town --kept");
   report.Arguments("SOURCE", &arguments->sources,
-                   "Dataset folders; files with one Scenario as proto3 JSON each; datasets on the "
-                   "server");
-  report.Option("--model", &arguments->model,
-                "town (the version that serves), town/2 or town@candidate");
+                   "Dataset folders; files with one Scenario as proto3 JSON each; datasets/NAME on "
+                   "the server");
+  report.Argument("--model", &arguments->model,
+                  "town (the version that serves), town/2 or town@candidate");
   report.Option("--set", &arguments->assignments,
                 "FIELD=VALUE of the examples to report: examples.stride=1s, ...");
   report.Flag("--kept", &arguments->kept,
               "Score the answers that the server gave: name each scene by its id and prediction "
               "time, and send its targets' futures alone (maneuverd --outcome-memory)");
   report.Exclude("--kept", "--set");
-  report.Run([arguments, &environment] {
-    if (arguments->model.empty()) return environment.Refuse("--model: name a model");
-    return OutcomesCommand(*arguments, environment).Run();
-  });
+  report.Run([arguments, &environment] { return OutcomesCommand(*arguments, environment).Run(); });
   const auto collected = std::make_shared<CollectArguments>();
   Command collect = group.Add(
       "collect", "Make a dataset of the outcomes that the server collected",

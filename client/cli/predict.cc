@@ -327,7 +327,7 @@ int Probability(const PredictArguments& arguments, Environment& environment) {
   const auto answer = environment.server_client().PredictActionProbabilities(
       MakeRequest<v1::PredictActionProbabilitiesRequest>(arguments, *scenarios),
       Options(arguments, environment));
-  if (!answer.ok()) return environment.Fail(answer.status());
+  if (!answer.ok()) return environment.FailCall(answer.status());
   if (environment.json()) {
     environment.PrintJson(*answer);
   } else if (HasAnswers(answer->predictions())) {
@@ -369,7 +369,7 @@ int Distribution(const PredictArguments& arguments, Environment& environment) {
   *request.mutable_query() = Query(arguments);
   const auto answer = environment.server_client().PredictActionDistributions(
       request, Options(arguments, environment));
-  if (!answer.ok()) return environment.Fail(answer.status());
+  if (!answer.ok()) return environment.FailCall(answer.status());
   return Finish(arguments, *scenarios, *answer, environment);
 }
 
@@ -379,7 +379,7 @@ int Predict(const PredictArguments& arguments, Environment& environment) {
   auto request = MakeRequest<v1::PredictRequest>(arguments, *scenarios);
   *request.mutable_query() = Query(arguments);
   const auto answer = environment.server_client().Predict(request, Options(arguments, environment));
-  if (!answer.ok()) return environment.Fail(answer.status());
+  if (!answer.ok()) return environment.FailCall(answer.status());
   if (!environment.json() && HasAnswers(answer->predictions())) {
     PrintProbabilities(answer->predictions(), arguments.at_least, answer->action_names(),
                        environment);

@@ -40,7 +40,7 @@ int Recalibrate(const RecalibrateArguments& arguments, Environment& environment)
   request.set_priority(static_cast<int32_t>(arguments.priority.value_or(0)));
   request.set_validate_only(arguments.validate_only);
   const auto job = environment.server_client().Recalibrate(request, environment.call_options());
-  if (!job.ok()) return environment.Fail(job.status());
+  if (!job.ok()) return environment.FailCall(job.status());
   if (arguments.validate_only) {
     PrintValid(*job, environment);
     return kOk;

@@ -81,7 +81,7 @@ int WriteCurvesOf(const v1::Job& job, const ReportFiles& files, Environment& env
   report::ReportData data;
   data.title = job.name();
   auto learning = LearningOf(job, environment);
-  if (!learning.ok()) return environment.Fail(learning.status());
+  if (!learning.ok()) return environment.FailCall(learning.status());
   data.learning = *std::move(learning);
   return Write(data, files, environment);
 }
@@ -91,7 +91,7 @@ int WriteModelReport(const std::string& model, const std::optional<std::string>&
   std::optional<std::string> resource;
   if (dataset) resource = DatasetResource(*dataset);
   const auto data = CollectVersion(ModelResource(model), resource, environment);
-  if (!data.ok()) return environment.Fail(data.status());
+  if (!data.ok()) return environment.FailCall(data.status());
   return Write(*data, files, environment);
 }
 
@@ -137,10 +137,10 @@ int WriteJobReport(const std::string& job, const ReportFiles& files, Environment
   v1::GetJobRequest request;
   request.set_name(job);
   const auto found = environment.server_client().GetJob(request, environment.call_options());
-  if (!found.ok()) return environment.Fail(found.status());
+  if (!found.ok()) return environment.FailCall(found.status());
   if (!files.page && found->has_train()) return WriteCurvesOf(*found, files, environment);
   const auto data = CollectJob(*found, environment);
-  if (!data.ok()) return environment.Fail(data.status());
+  if (!data.ok()) return environment.FailCall(data.status());
   return Write(*data, files, environment);
 }
 
@@ -149,7 +149,7 @@ int WriteReportOfWatched(const std::string& job, const ReportFiles& files,
   v1::GetJobRequest request;
   request.set_name(job);
   const auto found = environment.server_client().GetJob(request, environment.call_options());
-  if (!found.ok()) return environment.Fail(found.status());
+  if (!found.ok()) return environment.FailCall(found.status());
   if (!client::HasEnded(*found)) {
     environment.err << "and once it has ended: maneuver job report " << ShortName(job)
                     << (files.page ? " --out " + *files.page : "")

@@ -17,6 +17,7 @@
 #include "model/data/example_index.h"
 #include "model/data/recording_split.h"
 #include "model/evaluation/kinematic_classes.h"
+#include "model/scene/target_frame.h"
 
 namespace maneuver::cli {
 namespace {
@@ -47,8 +48,8 @@ std::vector<double> WaypointTimes(const v1::TrajectorySpec& spec) {
 }
 
 v1::AgentType TypeOf(const v1::Scenario& recording, int64_t agent_id) {
-  const auto agent = std::ranges::find(recording.agents(), agent_id, &v1::Agent::id);
-  return agent == recording.agents().end() ? v1::AGENT_TYPE_UNSPECIFIED : agent->type();
+  const v1::Agent* const agent = scene::FindAgent(recording, agent_id);
+  return agent == nullptr ? v1::AGENT_TYPE_UNSPECIFIED : agent->type();
 }
 
 // The recording as a question about one target at one time.
@@ -177,15 +178,20 @@ class SceneCollector {
     const auto classified =
         maps_.ClassifyTrajectories(std::move(classification), environment_.call_options());
     if (!classified.ok()) return classified.status();
+    // Whether an answer is about one target of a scene that was asked about.
+    const auto fits = [scenes](const auto& answer) {
+      return answer.targets_size() == 1 && answer.scenario_index() >= 0 &&
+             static_cast<size_t>(answer.scenario_index()) < scenes->size();
+    };
     for (const v1::ScenarioPrediction& answer : predicted->predictions()) {
-      if (answer.targets_size() != 1) continue;
-      scenes->at(static_cast<size_t>(answer.scenario_index())).prediction = answer.targets(0);
+      if (!fits(answer)) continue;
+      (*scenes)[static_cast<size_t>(answer.scenario_index())].prediction = answer.targets(0);
     }
     for (const v1::ScenarioClassification& answer : classified->classifications()) {
-      if (answer.targets_size() != 1) continue;
+      if (!fits(answer)) continue;
       const auto& responsibilities = answer.targets(0).responsibilities();
-      scenes->at(static_cast<size_t>(answer.scenario_index()))
-          .responsibilities.assign(responsibilities.begin(), responsibilities.end());
+      (*scenes)[static_cast<size_t>(answer.scenario_index())].responsibilities.assign(
+          responsibilities.begin(), responsibilities.end());
     }
     return absl::OkStatus();
   }

@@ -1,6 +1,5 @@
 // maneuver scenario: list, show, extract.
 
-#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <optional>
@@ -17,6 +16,7 @@
 #include "client/cli/text_format.h"
 #include "client/observed_scenario.h"
 #include "client/plot/scene_plot.h"
+#include "model/scene/target_frame.h"
 
 namespace maneuver::cli {
 namespace {
@@ -36,7 +36,7 @@ struct ScenarioArguments {
 
 int PrintScenarios(const ScenarioArguments& arguments, Environment& environment) {
   const auto all = ListScenarios(arguments.source, arguments.most, environment);
-  if (!all.ok()) return environment.Fail(all.status());
+  if (!all.ok()) return FailAtSource(arguments.source, all.status(), environment);
   if (environment.json()) {
     environment.PrintJson(*all);
     return kOk;
@@ -130,7 +130,7 @@ void PrintScenario(const v1::Scenario& scenario, Environment& environment) {
 
 int ShowScenario(const ScenarioArguments& arguments, Environment& environment) {
   const auto scenario = GetScenario(arguments.source, arguments.scenario_id, environment);
-  if (!scenario.ok()) return environment.Fail(scenario.status());
+  if (!scenario.ok()) return FailAtSource(arguments.source, scenario.status(), environment);
   PrintScenario(*scenario, environment);
   return arguments.plot ? PlotScenario(arguments, *scenario, environment) : kOk;
 }
@@ -145,19 +145,17 @@ v1::AgentType TypeOf(const std::string& name) {
 
 int Extract(const ScenarioArguments& arguments, Environment& environment) {
   auto scenario = GetScenario(arguments.source, arguments.scenario_id, environment);
-  if (!scenario.ok()) return environment.Fail(scenario.status());
+  if (!scenario.ok()) return FailAtSource(arguments.source, scenario.status(), environment);
   if (arguments.time) scenario->set_prediction_time(*arguments.time);
   const double time = scenario->prediction_time();
 
   std::vector<int64_t> targets = arguments.targets;
   for (const int64_t id : targets) {
-    const auto& agents = scenario->agents();
-    const auto agent = std::find_if(agents.begin(), agents.end(),
-                                    [id](const v1::Agent& any) { return any.id() == id; });
-    if (agent == agents.end() || CurrentState(*agent, time) < 0) {
+    const v1::Agent* const agent = scene::FindAgent(*scenario, id);
+    if (agent == nullptr || CurrentState(*agent, time) < 0) {
       return environment.Refuse(absl::StrCat(
-          "target ", id, agent == agents.end() ? " is not an agent of " : " is not visible in ",
-          scenario->scenario_id(), agent == agents.end() ? "" : absl::StrCat(" at ", time, " s"),
+          "target ", id, agent == nullptr ? " is not an agent of " : " is not visible in ",
+          scenario->scenario_id(), agent == nullptr ? "" : absl::StrCat(" at ", time, " s"),
           "; see maneuver scenario show"));
     }
   }
@@ -222,7 +220,7 @@ void AddScenario(Command& root, Environment& environment) {
   extract.Option("--time", &arguments->time, -1e12, 1e12,
                  "Prediction time, seconds on the recording's clock [the recording's own]");
   extract.Option("--target", &arguments->targets, INT64_MIN, INT64_MAX,
-                 "Agents to ask about, by id");
+                 "Agents to ask about, by id, such as 7,12");
   extract.Choice("--type", &arguments->type, {"vehicle", "pedestrian", "cyclist"},
                  "Type of the agents to ask about");
   extract.Exclude("--type", "--target");

@@ -12,18 +12,31 @@
 namespace maneuver::cli {
 namespace {
 
+// Returns how to name a dataset on the server; empty if the source cannot be the name of one.
+std::string Hint(const std::string& source) {
+  if (source.find_first_of("/.") != std::string::npos) return "";
+  return absl::StrCat("; for a dataset on the server use ", DatasetResource(source));
+}
+
 absl::Status CheckFolder(const std::string& source) {
   std::error_code error;
   if (std::filesystem::exists(std::filesystem::path(source) / "dataset.json", error)) {
     return absl::OkStatus();
   }
   if (error) return absl::NotFoundError(absl::StrCat(source, ": ", error.message()));
-  return absl::NotFoundError(
-      absl::StrCat(source, " is not a dataset folder; for a dataset on the server use ",
-                   DatasetResource(source)));
+  if (!std::filesystem::exists(source, error)) return MissingSource(source);
+  return absl::NotFoundError(absl::StrCat(source, " is not a dataset folder", Hint(source)));
 }
 
 }  // namespace
+
+absl::Status MissingSource(const std::string& source) {
+  return absl::NotFoundError(absl::StrCat(source, " does not exist", Hint(source)));
+}
+
+int FailAtSource(const std::string& source, const absl::Status& status, Environment& environment) {
+  return IsOnServer(source) ? environment.FailCall(status) : environment.Fail(status);
+}
 
 bool IsOnServer(const std::string& source) {
   return source.starts_with("datasets/") &&

@@ -16,14 +16,22 @@ namespace maneuver::cli {
 // ./datasets/NAME.
 bool IsOnServer(const std::string& source);
 
-// List the recordings of a source, or read one of them. Errors: NOT_FOUND for a folder without
-// dataset.json; those of reading a dataset folder, or of the call.
+// List the recordings of a source, or read one of them. Errors: NOT_FOUND for a folder that does not
+// exist or has no dataset.json; those of reading a dataset folder, or of the call.
 //   source: a folder with dataset.json, or datasets/NAME.
 //   most: list at most this many; 0: all.
 absl::StatusOr<v1::ListScenariosResponse> ListScenarios(const std::string& source, int64_t most,
                                                         Environment& environment);
 absl::StatusOr<v1::Scenario> GetScenario(const std::string& source, const std::string& scenario_id,
                                          Environment& environment);
+
+// Returns NOT_FOUND: no file or folder here has this name. If it may be the name of a dataset on the
+// server, says how to name that.
+absl::Status MissingSource(const std::string& source);
+
+// Says why a source cannot be read: as Environment::FailCall if it is on the server, otherwise as
+// Fail. Returns kFailed.
+int FailAtSource(const std::string& source, const absl::Status& status, Environment& environment);
 
 // Calls `visit` with each of the first `most` recordings, in order. Reads a folder once. Errors:
 // those of ListScenarios and GetScenario.

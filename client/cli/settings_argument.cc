@@ -18,6 +18,7 @@
 #include "absl/strings/str_replace.h"
 #include "absl/strings/str_split.h"
 #include "absl/strings/strip.h"
+#include "client/cli/json_files.h"
 #include "client/cli/text_format.h"
 #include "model/artifact/training_presets.h"
 
@@ -175,6 +176,38 @@ std::vector<std::string> ZerosOfSettings(const std::string& json) {
   if (google::protobuf::util::JsonStringToMessage(json, &fields).ok()) AddZeros(fields, "", &zeros);
   std::sort(zeros.begin(), zeros.end());
   return zeros;
+}
+
+absl::StatusOr<v1::TrainingSettings> ReadSettings(const std::optional<std::string>& file,
+                                                  std::vector<std::string> assignments,
+                                                  Environment& environment) {
+  v1::TrainingSettings settings;
+  std::vector<std::string> zeros;
+  if (file) {
+    const auto text = ReadText(*file, environment);
+    if (!text.ok()) return text.status();
+    absl::Status status = ParseJson(*text, *file, &settings);
+    if (!status.ok()) return status;
+    zeros = ZerosOfSettings(*text);
+  }
+  for (const std::string& assignment : assignments) {
+    absl::Status status = SetField(assignment, &settings);
+    if (!status.ok()) return status;
+  }
+  assignments.insert(assignments.end(), zeros.begin(), zeros.end());
+  absl::Status heard = RefuseUnheardZeros(assignments, settings);
+  if (!heard.ok()) return heard;
+  return settings;
+}
+
+absl::StatusOr<v1::TrainingSettings> ResolveExamples(const v1::ExampleSettings& examples) {
+  v1::TrainingSettings settings;
+  *settings.mutable_examples() = examples;
+  settings = artifact::ResolveTrainingSettings(settings);
+  const auto violations = artifact::ValidateTrainingSettings(settings);
+  if (violations.empty()) return settings;
+  return absl::InvalidArgumentError(
+      absl::StrCat(violations.front().field, " ", violations.front().description));
 }
 
 absl::Status RefuseUnheardZeros(const std::vector<std::string>& assignments,

@@ -5,10 +5,13 @@
 
 #include <google/protobuf/message.h>
 
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "client/cli/environment.h"
 #include "maneuver/v1/training_settings.pb.h"
 
 namespace maneuver::cli {
@@ -34,6 +37,17 @@ std::vector<std::string> ZerosOfSettings(const std::string& json);
 //   settings: the result of these assignments.
 absl::Status RefuseUnheardZeros(const std::vector<std::string>& assignments,
                                 const v1::TrainingSettings& settings);
+
+// Reads settings from a file with TrainingSettings as proto3 JSON, if one is given, then sets the
+// fields of `assignments` in their order. Errors: those of ReadText and ParseJson, of SetField and
+// of RefuseUnheardZeros.
+absl::StatusOr<v1::TrainingSettings> ReadSettings(const std::optional<std::string>& file,
+                                                  std::vector<std::string> assignments,
+                                                  Environment& environment);
+
+// Returns training settings with these examples and every default. INVALID_ARGUMENT names the first
+// wrong field.
+absl::StatusOr<v1::TrainingSettings> ResolveExamples(const v1::ExampleSettings& examples);
 
 // Sets the number of waypoints that a horizon takes, at the waypoint interval of the settings or of
 // their preset. INVALID_ARGUMENT if the horizon is not a whole number of intervals.

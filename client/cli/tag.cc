@@ -155,7 +155,7 @@ int Tag(const TagArguments& arguments, Environment& environment) {
   if (interrupt.happened()) return environment.Fail(absl::CancelledError("interrupted"));
   if (!model.ok()) {
     return IsModelFolder(arguments.model) ? environment.FailAt(arguments.model, model.status())
-                                          : environment.Fail(model.status());
+                                          : environment.FailCall(model.status());
   }
   options.datasets.assign(arguments.datasets.begin(), arguments.datasets.end());
   options.output = arguments.output;
@@ -205,7 +205,7 @@ int TagOnServer(const TagArguments& arguments, Environment& environment) {
   request.set_priority(static_cast<int32_t>(arguments.priority.value_or(0)));
   request.set_validate_only(arguments.validate_only);
   const auto job = environment.server_client().Tag(request, environment.call_options());
-  if (!job.ok()) return environment.Fail(job.status());
+  if (!job.ok()) return environment.FailCall(job.status());
   if (arguments.validate_only) {
     PrintValid(*job, environment);
     return kOk;

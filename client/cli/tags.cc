@@ -28,7 +28,7 @@ int ListTags(Environment& environment) {
   v1::ListTagsResponse all;
   do {
     auto page = environment.server_client().ListTags(request, environment.call_options());
-    if (!page.ok()) return environment.Fail(page.status());
+    if (!page.ok()) return environment.FailCall(page.status());
     request.set_page_token(page->next_page_token());
     page->clear_next_page_token();
     all.MergeFrom(*page);
@@ -62,7 +62,7 @@ int ShowTags(const std::string& name, Environment& environment) {
   v1::GetTagsRequest request;
   request.set_name(TagsResource(name));
   const auto tags = environment.server_client().GetTags(request, environment.call_options());
-  if (!tags.ok()) return environment.Fail(tags.status());
+  if (!tags.ok()) return environment.FailCall(tags.status());
   if (environment.json()) {
     environment.PrintJson(*tags);
     return kOk;
@@ -103,7 +103,7 @@ int DeleteTags(const std::string& name, Environment& environment) {
   request.set_name(TagsResource(name));
   const absl::Status status =
       environment.server_client().DeleteTags(request, environment.call_options());
-  if (!status.ok()) return environment.Fail(status);
+  if (!status.ok()) return environment.FailCall(status);
   environment.err << request.name() << " are deleted\n";
   return kOk;
 }

@@ -3,11 +3,12 @@
 #include <algorithm>
 #include <cmath>
 
+#include "model/scene/target_frame.h"
+
 namespace maneuver::cli {
 namespace {
 
 constexpr double kHalfFrame = 0.05;   // seconds
-constexpr double kRounding = 1e-6;    // seconds
 constexpr double kHistory = 1.0;      // seconds, as the models look at
 constexpr double kLeastTravel = 0.5;  // metres in that second; slower ones stand
 constexpr int kMostTargets = 8;
@@ -15,12 +16,7 @@ constexpr int kMostTargets = 8;
 }  // namespace
 
 int CurrentState(const v1::Agent& agent, double time) {
-  int latest = -1;
-  for (int i = 0; i < agent.states_size(); ++i) {
-    if (agent.states(i).time() <= time + kRounding) latest = i;
-  }
-  if (latest < 0 || agent.states(latest).time() < time - kHalfFrame - kRounding) return -1;
-  return latest;
+  return scene::FindState(agent, time, kHalfFrame, time + scene::kSameTime);
 }
 
 std::vector<int64_t> MovingAgents(const v1::Scenario& scenario, v1::AgentType type, double time,
@@ -46,10 +42,9 @@ std::vector<int64_t> MovingAgents(const v1::Scenario& scenario, v1::AgentType ty
 std::vector<int64_t> DefaultTargets(const v1::Scenario& scenario, v1::AgentType type, double time) {
   std::vector<int64_t> targets;
   for (const int64_t id : scenario.target_ids()) {
-    for (const v1::Agent& agent : scenario.agents()) {
-      if (agent.id() != id || agent.type() != type) continue;
-      if (CurrentState(agent, time) >= 0) targets.push_back(id);
-    }
+    const v1::Agent* const agent = scene::FindAgent(scenario, id);
+    if (agent == nullptr || agent->type() != type) continue;
+    if (CurrentState(*agent, time) >= 0) targets.push_back(id);
   }
   return targets.empty() ? MovingAgents(scenario, type, time, kMostTargets) : targets;
 }

@@ -6,7 +6,6 @@
 #include "absl/strings/str_cat.h"
 #include "client/cli/commands.h"
 #include "client/cli/job_display.h"
-#include "client/cli/json_files.h"
 #include "client/cli/promotion_options.h"
 #include "client/cli/report.h"
 #include "client/cli/resource_names.h"
@@ -59,27 +58,10 @@ std::vector<std::string> Assignments(const TrainArguments& arguments) {
 // File first, then the named options, then --set; the horizon last, since it needs the interval.
 absl::StatusOr<v1::TrainingSettings> Settings(const TrainArguments& arguments,
                                               Environment& environment) {
-  v1::TrainingSettings settings;
-  std::vector<std::string> zeros;
-  if (arguments.settings_file) {
-    const auto text = ReadText(*arguments.settings_file, environment);
-    if (!text.ok()) return text.status();
-    absl::Status status = ParseJson(*text, *arguments.settings_file, &settings);
-    if (!status.ok()) return status;
-    zeros = ZerosOfSettings(*text);
-  }
-  std::vector<std::string> assignments = Assignments(arguments);
-  for (const std::string& assignment : assignments) {
-    absl::Status status = SetField(assignment, &settings);
-    if (!status.ok()) return status;
-  }
-  assignments.insert(assignments.end(), zeros.begin(), zeros.end());
-  absl::Status heard = RefuseUnheardZeros(assignments, settings);
-  if (!heard.ok()) return heard;
-  if (arguments.horizon) {
-    absl::Status status = SetHorizon(*arguments.horizon, &settings);
-    if (!status.ok()) return status;
-  }
+  auto settings = ReadSettings(arguments.settings_file, Assignments(arguments), environment);
+  if (!settings.ok() || !arguments.horizon) return settings;
+  absl::Status status = SetHorizon(*arguments.horizon, &*settings);
+  if (!status.ok()) return status;
   return settings;
 }
 
@@ -137,15 +119,16 @@ int Train(const TrainArguments& arguments, Environment& environment) {
       arguments.validate_only ? absl::OkStatus() : PrepareReport(arguments.report);
   if (!prepared.ok()) return environment.Refuse(std::string(prepared.message()));
   const auto job = environment.server_client().Train(request, environment.call_options());
-  if (!job.ok()) return environment.Fail(job.status());
+  if (!job.ok()) return environment.FailCall(job.status());
   if (arguments.validate_only) {
     PrintValid(*job, environment);
     return kOk;
   }
   const int watched =
       ShowStarted(*job, absl::StrCat("trains ", request.model()), arguments.detach, environment);
-  if (watched != kOk || !arguments.report.any()) return watched;
-  return WriteReportOfWatched(job->name(), arguments.report, environment);
+  if (watched == kFailed || !arguments.report.any()) return watched;
+  const int reported = WriteReportOfWatched(job->name(), arguments.report, environment);
+  return watched == kOk ? reported : watched;
 }
 
 }  // namespace
@@ -154,7 +137,8 @@ void AddTrain(Command& root, Environment& environment) {
   const auto arguments = std::make_shared<TrainArguments>();
   Command command = root.Add(
       "train", "Train a new version of a model",
-      "Starts a job on the server and shows its progress; Ctrl-C stops watching, not the job.\n"
+      "Starts a job on the server and shows its progress; Ctrl-C stops watching, not the job, and\n"
+      "the exit status is then 130.\n"
       "Settings come from the preset, then --settings, then the options, then --set.\n"
       "Example: maneuver train town --dataset town\n"
       "         maneuver train city --dataset waymo-training --horizon 5s --epochs 20 \\\n"
@@ -186,7 +170,8 @@ void AddTrain(Command& root, Environment& environment) {
   command.Option("--settings", &arguments->settings_file,
                  "File with TrainingSettings as proto3 JSON");
   command.Option("--set", &arguments->assignments,
-                 "FIELD=VALUE of TrainingSettings, such as optimization.learning_rate=5e-4");
+                 "FIELD=VALUE of TrainingSettings, such as optimization.learning_rate=5e-4; may be "
+                 "repeated");
   command.Option("--horizon", &arguments->horizon, "How far to predict, such as 5s");
   command.Option("--targets", &arguments->targets,
                  "Types of agents to learn from and to predict: vehicle, pedestrian, cyclist or "

@@ -35,7 +35,7 @@ client::Client::OnUploaded TransferLine::callback() {
 }
 
 int TransferLine::Fail(const absl::Status& error, const std::string& what_is_kept) {
-  const int status = environment_.Fail(error);
+  const int status = environment_.FailCall(error);
   if (has_begun_ && (absl::IsUnavailable(error) || absl::IsDeadlineExceeded(error))) {
     environment_.err << what_is_kept << "; run the same command again to continue\n";
   }

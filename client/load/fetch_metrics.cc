@@ -65,6 +65,8 @@ absl::string_view Explain(httplib::Error error) {
 
 }  // namespace
 
+absl::Status CheckMetricsAddress(const std::string& url) { return ParseUrl(url).status(); }
+
 absl::StatusOr<MetricsPage> FetchMetrics(const std::string& url, milliseconds patience) {
   const auto address = ParseUrl(url);
   if (!address.ok()) return address.status();

@@ -53,8 +53,11 @@ struct HistogramChange {
 HistogramChange Change(const MetricsPage& before, const MetricsPage& after, std::string_view name,
                        const MetricLabels& labels = {});
 
-// Fetches a page over plain HTTP: http://HOST:PORT/PATH, or HOST:PORT alone for its /metrics.
-// INVALID_ARGUMENT for any other address. UNAVAILABLE if nobody listens there, if the answer is not
+// Returns INVALID_ARGUMENT for anything but http://HOST:PORT/PATH, or HOST:PORT alone for its
+// /metrics.
+absl::Status CheckMetricsAddress(const std::string& url);
+
+// Fetches a page over plain HTTP. INVALID_ARGUMENT as CheckMetricsAddress. UNAVAILABLE if nobody listens there, if the answer is not
 // 200 OK, if the server takes longer than `patience` to connect or to send something, or if the
 // page is longer than 16 MiB or is still arriving after `patience`.
 absl::StatusOr<MetricsPage> FetchMetrics(

@@ -9,8 +9,8 @@
 #include "absl/strings/str_format.h"
 #include "client/plot/axes.h"
 #include "client/plot/canvas.h"
-#include "client/plot/label_placer.h"
 #include "client/plot/picture_size.h"
+#include "client/plot/trajectory_points.h"
 
 namespace maneuver::plot {
 namespace {
@@ -25,7 +25,7 @@ constexpr double kLeastMetres = 4.0;       // that a panel shows along each axis
 struct GalleryLine {
   int id;
   Color color;
-  std::vector<Pixel> points;  // metres, from the origin on
+  Points points;
 };
 
 // Returns the actions to draw, most used first, the same in every panel.
@@ -49,14 +49,10 @@ absl::StatusOr<std::vector<GalleryLine>> LinesOf(const v1::ActionSet& set,
   for (const v1::Action& action : set.actions()) {
     const auto color = colors.find(action.action_id());
     if (color == colors.end()) continue;
-    const v1::Trajectory& mean = action.distribution().mean_trajectory();
-    if (mean.x_size() != mean.y_size()) {
-      return absl::InvalidArgumentError(absl::StrCat("the mean of action ", action.action_id(),
-                                                     " has unequal numbers of x and y"));
-    }
-    GalleryLine& line =
-        lines.emplace_back(GalleryLine{action.action_id(), color->second, {{0, 0}}});
-    for (int i = 0; i < mean.x_size(); ++i) line.points.emplace_back(mean.x(i), mean.y(i));
+    auto points = PointsOf(action.distribution().mean_trajectory(),
+                           absl::StrCat("the mean of action ", action.action_id()));
+    if (!points.ok()) return points.status();
+    lines.push_back({action.action_id(), color->second, *std::move(points)});
   }
   return lines;
 }
@@ -65,7 +61,7 @@ Extent ExtentOf(const std::vector<GalleryLine>& lines, double kept) {
   Extent extent;
   extent.Include(kept, 0.0);
   for (const GalleryLine& line : lines) {
-    for (const Pixel& p : line.points) extent.Include(p.x, p.y);
+    for (const scene::Point2& p : line.points) extent.Include(p.x, p.y);
   }
   const double width = std::max(extent.max_x - extent.min_x, kLeastMetres);
   const double height = std::max(extent.max_y - extent.min_y, kLeastMetres);
@@ -76,51 +72,30 @@ Extent ExtentOf(const std::vector<GalleryLine>& lines, double kept) {
           y + height / 2.0 + margin};
 }
 
-void DrawIds(const Axes& axes, const std::vector<GalleryLine>& lines, Canvas* canvas) {
-  LabelPlacer placer(axes.box());
-  const auto end = [&](const GalleryLine& line) {
-    return axes.ToPixel(line.points.back().x, line.points.back().y);
-  };
-  for (const GalleryLine& line : lines) {
-    placer.Occupy({end(line).x - 4.0, end(line).y - 4.0, 8.0, 8.0});
-  }
-  for (const GalleryLine& line : lines) {
-    const auto place = placer.Place(end(line), absl::StrCat(line.id), 9.0, 70.0);
-    if (!place) continue;
-    if (place->gap > 10.0) {
-      canvas->Stroke({end(line),
-                      {place->frame.left + place->frame.width / 2.0,
-                       place->frame.top + place->frame.height / 2.0}},
-                     kInk, 0.8, 0.6);
-    }
-    canvas->Rectangle(place->frame, kPaper, 0.85);
-    canvas->Text(absl::StrCat(line.id), place->baseline, 9.0, kInk, Anchor::kCenter, true);
-  }
-}
-
 void DrawPanel(const std::vector<GalleryLine>& lines, double speed, double horizon, const Box& cell,
                Canvas* canvas) {
   const Box box{cell.left + 56.0, cell.top + 30.0, cell.width - 76.0, cell.height - 78.0};
   const double kept = speed * horizon;
   const Axes axes(box, ExtentOf(lines, kept));
   const AxesStyle style{{120, 120, 120}, kFaintInk, {236, 236, 236}, 8.0, 60.0, true};
-  const auto to_pixels = [&](const std::vector<Pixel>& points) {
-    Line line;
-    for (const Pixel& p : points) line.push_back(axes.ToPixel(p.x, p.y));
-    return line;
-  };
   canvas->ClipTo(box);
   axes.DrawGrid(style, canvas);
   // The most used action comes last, above the others.
   for (auto line = lines.rbegin(); line != lines.rend(); ++line) {
-    const Line pixels = to_pixels(line->points);
+    const Line pixels = ToPixels(axes, line->points);
     canvas->Stroke(pixels, kPaper, 4.4, 0.9);
     canvas->Stroke(pixels, line->color, 2.6);
     canvas->Disc(pixels.back(), 3.6, line->color);
   }
-  canvas->Dashes(to_pixels({{0.0, 0.0}, {kept, 0.0}}), kInk, 1.4, 7.0, 5.0);
+  canvas->Dashes(ToPixels(axes, {{0.0, 0.0}, {kept, 0.0}}), kInk, 1.4, 7.0, 5.0);
   canvas->Disc(axes.ToPixel(0.0, 0.0), 3.6, kInk);
-  DrawIds(axes, lines, canvas);
+  std::vector<ActionEnd> ends;
+  for (const GalleryLine& line : lines) {
+    ends.push_back({line.id, axes.ToPixel(line.points.back().x, line.points.back().y)});
+  }
+  DrawActionIds(box, ends,
+                {.dot = 8.0, .letters = 9.0, .farthest = 70.0, .least_gap = 10.0, .opacity = 0.6},
+                canvas);
   canvas->ClipToAll();
   axes.DrawFrame(style, canvas);
   canvas->Text(absl::StrFormat("%g m/s", speed), {box.left, cell.top + 20.0}, 12.0, kInk,

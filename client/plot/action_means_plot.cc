@@ -11,7 +11,7 @@
 #include "absl/strings/str_format.h"
 #include "client/plot/axes.h"
 #include "client/plot/canvas.h"
-#include "client/plot/label_placer.h"
+#include "client/plot/trajectory_points.h"
 
 namespace maneuver::plot {
 namespace {
@@ -20,34 +20,21 @@ constexpr int kMeansWidth = 1630;
 constexpr double kLegend = 430.0;  // pixels at the right
 constexpr double kMeansHeader = 74.0;
 
-using MeansPoints = std::vector<Pixel>;  // metres, from the origin on
-
 struct DrawnAction {
   const v1::Action* action;
   double share;  // mean p(y|s)
   std::string name;
   int examples = 0;  // among the sampled
-  MeansPoints mean;
+  Points mean;
   Color color;
 };
-
-absl::Status Read(const v1::Trajectory& trajectory, MeansPoints* points) {
-  if (trajectory.x_size() != trajectory.y_size()) {
-    return absl::InvalidArgumentError("a trajectory has unequal numbers of x and y");
-  }
-  points->emplace_back(0.0, 0.0);
-  for (int i = 0; i < trajectory.x_size(); ++i) {
-    points->emplace_back(trajectory.x(i), trajectory.y(i));
-  }
-  return absl::OkStatus();
-}
 
 int ActionOf(const v1::EvaluatedExample& example) {
   const auto& q = example.responsibilities();
   return static_cast<int>(std::max_element(q.begin(), q.end()) - q.begin());
 }
 
-double Apart(const MeansPoints& a, const MeansPoints& b) {
+double Apart(const Points& a, const Points& b) {
   double sum = 0.0;
   const size_t count = std::min(a.size(), b.size());
   for (size_t i = 0; i < count; ++i) sum += std::hypot(a[i].x - b[i].x, a[i].y - b[i].y);
@@ -93,20 +80,16 @@ absl::StatusOr<std::vector<DrawnAction>> ActionsOf(const v1::ActionSet& set,
                       examples[id],
                       {},
                       {}};
-    absl::Status status = Read(action.distribution().mean_trajectory(), &drawn.mean);
-    if (!status.ok()) return status;
+    auto mean =
+        PointsOf(action.distribution().mean_trajectory(), absl::StrCat("the mean of action ", id));
+    if (!mean.ok()) return mean.status();
+    drawn.mean = *std::move(mean);
     actions.push_back(std::move(drawn));
   }
   std::stable_sort(actions.begin(), actions.end(),
                    [](const auto& a, const auto& b) { return a.share > b.share; });
   DealColors(actions);
   return actions;
-}
-
-Line ToPixels(const Axes& axes, const MeansPoints& points) {
-  Line line;
-  for (const Pixel& p : points) line.push_back(axes.ToPixel(p.x, p.y));
-  return line;
 }
 
 void DrawMeans(const Axes& axes, const std::vector<DrawnAction>& actions, Canvas* canvas) {
@@ -118,24 +101,14 @@ void DrawMeans(const Axes& axes, const std::vector<DrawnAction>& actions, Canvas
     canvas->Disc(line.back(), 5.4, kPaper);
     canvas->Disc(line.back(), 4.2, action->color);
   }
-  LabelPlacer placer(axes.box());
+  std::vector<ActionEnd> ends;
   for (const DrawnAction& action : actions) {
-    const Pixel end = axes.ToPixel(action.mean.back().x, action.mean.back().y);
-    placer.Occupy({end.x - 5.0, end.y - 5.0, 10.0, 10.0});
+    ends.push_back(
+        {action.action->action_id(), axes.ToPixel(action.mean.back().x, action.mean.back().y)});
   }
-  for (const DrawnAction& action : actions) {
-    const Pixel end = axes.ToPixel(action.mean.back().x, action.mean.back().y);
-    const std::string id = absl::StrCat(action.action->action_id());
-    const auto place = placer.Place(end, id, 10.0, 120.0);
-    if (!place) continue;
-    if (place->gap > 12.0) {
-      const Pixel middle = {place->frame.left + place->frame.width / 2.0,
-                            place->frame.top + place->frame.height / 2.0};
-      canvas->Stroke({end, middle}, kInk, 0.8, 0.7);
-    }
-    canvas->Rectangle(place->frame, kPaper, 0.85);
-    canvas->Text(id, place->baseline, 10.0, kInk, Anchor::kCenter, true);
-  }
+  DrawActionIds(
+      axes.box(), ends,
+      {.dot = 10.0, .letters = 10.0, .farthest = 120.0, .least_gap = 12.0, .opacity = 0.7}, canvas);
 }
 
 // Draws swatch, id, name, mean p(y|s) and number of sampled examples of each action.
@@ -169,17 +142,16 @@ absl::StatusOr<std::string> PaintActionMeans(const v1::ActionSet& set,
     return absl::InvalidArgumentError(
         "nothing to draw: there are no actions, or the report carries no examples");
   }
-  std::map<int, std::vector<MeansPoints>> examples;  // by action
+  std::map<int, std::vector<Points>> examples;  // by action
   Extent extent;
   for (const v1::EvaluatedExample& example : report.sampled_examples()) {
-    MeansPoints points;
-    absl::Status status = Read(example.trajectory(), &points);
-    if (!status.ok()) return status;
-    for (const Pixel& p : points) extent.Include(p.x, p.y);
-    examples[ActionOf(example)].push_back(std::move(points));
+    auto points = PointsOf(example.trajectory(), "a trajectory of " + example.scenario_id());
+    if (!points.ok()) return points.status();
+    for (const scene::Point2& p : *points) extent.Include(p.x, p.y);
+    examples[ActionOf(example)].push_back(*std::move(points));
   }
   for (const DrawnAction& action : *actions) {
-    for (const Pixel& p : action.mean) extent.Include(p.x, p.y);
+    for (const scene::Point2& p : action.mean) extent.Include(p.x, p.y);
   }
   const double margin = 0.03 * (extent.max_x - extent.min_x) + 1.0;
   extent = {extent.min_x - margin, extent.max_x + margin, extent.min_y - margin,
@@ -197,7 +169,7 @@ absl::StatusOr<std::string> PaintActionMeans(const v1::ActionSet& set,
   canvas.ClipTo(box);
   axes.DrawGrid(style, &canvas);
   for (auto action = actions->rbegin(); action != actions->rend(); ++action) {
-    for (const MeansPoints& points : examples[action->action->action_id()]) {
+    for (const Points& points : examples[action->action->action_id()]) {
       canvas.Stroke(ToPixels(axes, points), action->color, 1.0, 0.42);
     }
   }

@@ -11,6 +11,7 @@
 #include "client/plot/axes.h"
 #include "client/plot/canvas.h"
 #include "client/plot/picture_size.h"
+#include "client/plot/trajectory_points.h"
 
 namespace maneuver::plot {
 namespace {
@@ -23,41 +24,21 @@ constexpr double kNoteLetters = 9.0;
 constexpr char kNote[] = "axes in metres, ahead and left; share: mean p(y|s) in validation";
 constexpr double kLeastSide = 4.0;  // metres that a panel shows at least, along each axis
 
-using Points = std::vector<std::pair<double, double>>;  // metres, from the origin on
-
-absl::Status Read(const v1::Trajectory& trajectory, int action_id, Points* points) {
-  if (trajectory.x_size() != trajectory.y_size()) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("a trajectory of action ", action_id, " has unequal numbers of x and y"));
-  }
-  points->emplace_back(0.0, 0.0);
-  for (int i = 0; i < trajectory.x_size(); ++i) {
-    points->emplace_back(trajectory.x(i), trajectory.y(i));
-  }
-  return absl::OkStatus();
-}
-
-Line ToPixels(const Axes& axes, const Points& points) {
-  Line line;
-  for (const auto& [x, y] : points) line.push_back(axes.ToPixel(x, y));
-  return line;
-}
-
 absl::Status DrawAction(const v1::Action& action, const Box& cell, Canvas* canvas) {
-  Points mean;
-  absl::Status status = Read(action.distribution().mean_trajectory(), action.action_id(), &mean);
-  if (!status.ok()) return status;
+  const std::string what = absl::StrCat("a trajectory of action ", action.action_id());
+  const auto mean = PointsOf(action.distribution().mean_trajectory(), what);
+  if (!mean.ok()) return mean.status();
   std::vector<Points> sigma;
   for (const v1::Trajectory& trajectory : action.distribution().sigma_trajectories()) {
-    sigma.emplace_back();
-    status = Read(trajectory, action.action_id(), &sigma.back());
-    if (!status.ok()) return status;
+    auto points = PointsOf(trajectory, what);
+    if (!points.ok()) return points.status();
+    sigma.push_back(*std::move(points));
   }
 
   Extent extent;
-  for (const auto& [x, y] : mean) extent.Include(x, y);
+  for (const scene::Point2& p : *mean) extent.Include(p.x, p.y);
   for (const Points& points : sigma) {
-    for (const auto& [x, y] : points) extent.Include(x, y);
+    for (const scene::Point2& p : points) extent.Include(p.x, p.y);
   }
   const double margin =
       0.06 * std::max({extent.max_x - extent.min_x, extent.max_y - extent.min_y, kLeastSide});
@@ -78,7 +59,7 @@ absl::Status DrawAction(const v1::Action& action, const Box& cell, Canvas* canva
   for (size_t i = 1; i < sigma.size(); ++i) {
     canvas->Stroke(ToPixels(axes, sigma[i]), LatentColor(static_cast<int>(i - 1) / 2), 1.5, 0.85);
   }
-  canvas->Stroke(ToPixels(axes, mean), kInk, 2.6);
+  canvas->Stroke(ToPixels(axes, *mean), kInk, 2.6);
   canvas->Disc(axes.ToPixel(0.0, 0.0), 3.4, kInk);
   canvas->ClipToAll();
   axes.DrawFrame(style, canvas);

@@ -4,12 +4,13 @@
 #include <cmath>
 #include <numbers>
 
+#include "model/scene/target_frame.h"
+
 namespace maneuver::plot {
 namespace {
 
 constexpr double kOutOfSight = 0.5;  // seconds without a state
 constexpr double kPast = 1.0;        // seconds of past that are drawn
-constexpr double kRounding = 1e-6;   // seconds
 
 bool InSight(const Line& line, const Box& box) {
   double left = 1e300;
@@ -51,7 +52,7 @@ Line Past(const ScenePanel& panel, const v1::Agent& agent, int now) {
   Line line;
   for (int i = 0; i <= now; ++i) {
     const v1::AgentState& state = agent.states(i);
-    if (state.time() < agent.states(now).time() - kPast - kRounding) continue;
+    if (state.time() < agent.states(now).time() - kPast - scene::kSameTime) continue;
     line.push_back(panel.FromWorld(state.x(), state.y()));
   }
   return line;
@@ -98,11 +99,7 @@ Line Arrowhead(const Line& line, double size) {
 }  // namespace
 
 int StateNow(const v1::Agent& agent, double prediction_time) {
-  int now = -1;
-  for (int i = 0; i < agent.states_size(); ++i) {
-    if (agent.states(i).time() <= prediction_time + kRounding) now = i;
-  }
-  return now >= 0 && agent.states(now).time() >= prediction_time - kOutOfSight ? now : -1;
+  return scene::FindState(agent, prediction_time, kOutOfSight, prediction_time + scene::kSameTime);
 }
 
 void DrawMap(const ScenePanel& panel, Canvas* canvas) {
@@ -151,13 +148,11 @@ void DrawMap(const ScenePanel& panel, Canvas* canvas) {
 }
 
 void DrawSignals(const ScenePanel& panel, Canvas* canvas) {
-  const double now = panel.scenario->prediction_time() + kRounding;
   for (const v1::TrafficSignal& signal : panel.scenario->traffic_signals()) {
-    v1::TrafficSignalState state = v1::TRAFFIC_SIGNAL_STATE_UNSPECIFIED;
-    for (const v1::TrafficSignalReading& reading : signal.readings()) {
-      if (reading.time() <= now) state = reading.state();
-    }
-    const Color color = LightColor(state);
+    const v1::TrafficSignalReading* const reading =
+        scene::LatestReading(signal, panel.scenario->prediction_time());
+    const Color color =
+        LightColor(reading == nullptr ? v1::TRAFFIC_SIGNAL_STATE_UNSPECIFIED : reading->state());
     for (const v1::MapFeature& lane : panel.scenario->map_features()) {
       if (lane.id() != signal.lane_id() || lane.x().empty() || lane.y().empty()) continue;
       if (lane.type() != v1::MAP_FEATURE_TYPE_LANE_CENTERLINE) continue;
@@ -239,7 +234,7 @@ Line TruthLine(const ScenePanel& panel, const v1::Agent& agent, double horizon) 
   Line line;
   if (now < 0) return line;
   const double end =
-      horizon > 0.0 ? panel.scenario->prediction_time() + horizon + kRounding : 1e300;
+      horizon > 0.0 ? panel.scenario->prediction_time() + horizon + scene::kSameTime : 1e300;
   for (int i = now; i < agent.states_size() && agent.states(i).time() <= end; ++i) {
     line.push_back(panel.FromWorld(agent.states(i).x(), agent.states(i).y()));
   }

@@ -11,6 +11,8 @@
 #include "absl/strings/str_format.h"
 #include "client/plot/label_placer.h"
 #include "client/plot/panel_layout.h"
+#include "client/plot/trajectory_points.h"
+#include "model/scene/target_frame.h"
 
 namespace maneuver::plot {
 namespace {
@@ -21,12 +23,6 @@ constexpr double kOnFoot = 0.4;      // factor of both for pedestrians, who walk
 constexpr double kBar = 70.0;        // pixels of probability 1
 constexpr double kMedoidLine = 5.0;  // widths of means, pixels
 constexpr double kFaintLine = 1.6;
-
-Line ToPixels(const ScenePanel& panel, const std::vector<scene::Point2>& points) {
-  Line line;
-  for (const scene::Point2& p : points) line.push_back(panel.axes.ToPixel(p.x, p.y));
-  return line;
-}
 
 // Returns what the sigma trajectories sweep: for each two waypoints, the convex hull of their
 // points.
@@ -67,11 +63,9 @@ void DrawScaleBar(const ScenePanel& panel, Canvas* canvas) {
 }  // namespace
 
 const v1::Agent* AgentInSight(const v1::Scenario& scenario, int64_t agent_id) {
-  for (const v1::Agent& agent : scenario.agents()) {
-    if (agent.id() != agent_id) continue;
-    return StateNow(agent, scenario.prediction_time()) < 0 ? nullptr : &agent;
-  }
-  return nullptr;
+  const v1::Agent* const agent = scene::FindAgent(scenario, agent_id);
+  const bool in_sight = agent != nullptr && StateNow(*agent, scenario.prediction_time()) >= 0;
+  return in_sight ? agent : nullptr;
 }
 
 TargetPanel::TargetPanel(const v1::Scenario& scenario, const v1::Agent& target,
@@ -210,7 +204,7 @@ std::vector<scene::Point2> TargetPanel::InTarget(const scene::LanePath& path) co
 void TargetPanel::DrawSigma(const ScenePanel& panel, const ActionLines& action,
                             Canvas* canvas) const {
   std::vector<Line> lines;
-  for (const auto& sigma : action.sigma) lines.push_back(ToPixels(panel, sigma));
+  for (const auto& sigma : action.sigma) lines.push_back(ToPixels(panel.axes, sigma));
   const Color color = ActionColor(action.distribution->action_id());
   canvas->Polygons(SweptBy(lines), color, 0.16);
   canvas->Strokes(lines, color, 1.0, 0.5);
@@ -218,7 +212,7 @@ void TargetPanel::DrawSigma(const ScenePanel& panel, const ActionLines& action,
 
 void TargetPanel::DrawMean(const ScenePanel& panel, const ActionLines& action,
                            Canvas* canvas) const {
-  const Line line = ToPixels(panel, action.mean);
+  const Line line = ToPixels(panel.axes, action.mean);
   const Color color = ActionColor(action.distribution->action_id());
   if (IsFaint(action)) {
     canvas->Stroke(line, color, kFaintLine, 0.6);
@@ -239,10 +233,10 @@ void TargetPanel::DrawIds(const ScenePanel& panel, const Box& legend, const Line
   const Pixel rear_left = panel.axes.ToPixel(-target_.length() / 2.0, target_.width() / 2.0);
   const double scale = panel.axes.pixels_per_meter();
   placer.Occupy({rear_left.x, rear_left.y, scale * target_.length(), scale * target_.width()});
-  for (const ActionLines& action : actions_) placer.Occupy(ToPixels(panel, action.mean), 8.0);
+  for (const ActionLines& action : actions_) placer.Occupy(ToPixels(panel.axes, action.mean), 8.0);
   for (auto action = actions_.rbegin(); action != actions_.rend(); ++action) {
     if (IsFaint(*action)) continue;
-    const Line line = ToPixels(panel, action->mean);
+    const Line line = ToPixels(panel.axes, action->mean);
     const std::string number = absl::StrCat(NumberOf(*action));
     const auto place = placer.Place(line.back(), number, 10.0, 40.0);
     if (!place) continue;
@@ -308,10 +302,10 @@ Box TargetPanel::LegendBox(const ScenePanel& panel, const Line& truth) const {
                               [&](const Pixel& pixel) { return corner.Holds(pixel); });
     };
     count(truth);
-    for (const scene::LanePath& path : lane_paths_) count(ToPixels(panel, InTarget(path)));
+    for (const scene::LanePath& path : lane_paths_) count(ToPixels(panel.axes, InTarget(path)));
     for (const ActionLines& action : actions_) {
-      count(ToPixels(panel, action.mean));
-      for (const auto& sigma : action.sigma) count(ToPixels(panel, sigma));
+      count(ToPixels(panel.axes, action.mean));
+      for (const auto& sigma : action.sigma) count(ToPixels(panel.axes, sigma));
     }
     return points;
   };

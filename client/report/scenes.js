@@ -285,10 +285,13 @@ function drawScenes(data) {
     view.show(data.scenes[index]);
   };
 
-  // What can be asked for: [value, title, whether a scene belongs to it].
+  // What can be asked for: [value, title, whether a scene belongs to it]. Each has a scene.
   const distinct = (values) => [...new Set(values)].sort();
   const filters = [['all', `All ${data.scenes.length}`, () => true]];
-  for (const [group, title] of Object.entries(GROUPS)) filters.push([`group ${group}`, title, (s) => s.groups.includes(group)]);
+  for (const [group, title] of Object.entries(GROUPS)) {
+    const belongs = (s) => s.groups.includes(group);
+    if (data.scenes.some(belongs)) filters.push([`group ${group}`, title, belongs]);
+  }
   for (const name of distinct(data.scenes.map((s) => s.class))) filters.push([`class ${name}`, words(name), (s) => s.class === name]);
   for (const id of distinct(data.scenes.map(wasAction))) filters.push([`was ${id}`, names(id), (s) => wasAction(s) === id]);
   const options = (start) => filters.filter(([value]) => value.startsWith(start)).map(([value, title]) => el('option', { value }, title));
@@ -305,7 +308,7 @@ function drawScenes(data) {
         el('span', { class: 'numbers' }, el('span', {}, BADGES[scene.groups[0]] || ''),
           el('span', {}, `${fixed(scene.ade1, scene.ade1 < 9.95 ? 1 : 0)} m`))));
     }));
-    if (indices.length) show(indices[0]);
+    show(indices[0]);
   };
   const step = (by) => {
     const shown = [...thumbs.querySelectorAll('.card')].map((card) => Number(card.dataset.scene));

@@ -94,7 +94,7 @@ TEST_F(OutcomesTest, ReportedRecordingsScoreAsInAnEvaluation) {
   ASSERT_GT(expected.examples(), 100);
   // A folder, and the same dataset on the server.
   for (const std::string& source :
-       {(trained_->folder() / "unseen").string(), std::string("unseen")}) {
+       {(trained_->folder() / "unseen").string(), std::string("datasets/unseen")}) {
     SCOPED_TRACE(source);
     const json reported = Report(source);
     EXPECT_EQ(reported["outcomes"], expected.examples());
@@ -364,7 +364,7 @@ TEST_F(OutcomesTest, CountsATargetThatIsFasterThanAllThatTheModelWasTrainedOn) {
 }
 
 TEST_F(OutcomesTest, CollectedOutcomesRecalibrateAndTrain) {
-  Report("unseen");
+  Report("datasets/unseen");
   Run({"outcomes", "collect", "happened"});
   const std::string recalibrated = Run(
       {"recalibrate", "tiny", "--dataset", "happened", "--set", "examples.validation_share=0.3"});

@@ -19,7 +19,7 @@ from google.protobuf.any_pb2 import Any
 
 import maneuver
 from maneuver import v1
-from maneuver.credentials import is_local, parse_address
+from maneuver.credentials import authorization, is_local, parse_address
 from maneuver.retry import backoff_after, retry
 from maneuver.v1 import dataset_service_pb2_grpc, model_service_pb2_grpc
 from maneuver.v1 import outcome_service_pb2_grpc
@@ -144,7 +144,8 @@ class AddressTest(unittest.TestCase):
                              ("dns:///fleet", "dns:///fleet:8470"), ("[::1]", "[::1]:8470"),
                              ("10.0.0.1,10.0.0.2:2", "ipv4:10.0.0.1:8470,10.0.0.2:2"), ("unix:/m", "unix:/m")):
             self.assertEqual(parse_address(short).target, whole)
-        for wrong in ("", "a:1,b:2", "10.0.0.1:1,[fd00::1]:1", "10.0.0.1:74006", "a:0", "dns:///a:65536"):
+        for wrong in ("", "a:1,b:2", "10.0.0.1:1,[fd00::1]:1", "10.0.0.1:74006", "a:0", "dns:///a:65536",
+                      "http://fleet:8470", "https://fleet", "dns:///", "dns:///:8470"):
             with self.assertRaises(ValueError):
                 parse_address(wrong)
 
@@ -153,6 +154,13 @@ class AddressTest(unittest.TestCase):
             self.assertTrue(is_local(local), local)
         for remote in ("10.0.0.1:1", "localhost.example:1", "127.0.0.1:1,10.0.0.1:1"):
             self.assertFalse(is_local(remote), remote)
+
+    def test_skips_the_mark_that_some_editors_begin_a_token_file_with(self):
+        with tempfile.TemporaryDirectory() as folder:
+            file = pathlib.Path(folder, "token")
+            file.write_text("secret\n", encoding="utf-8-sig")
+            self.assertEqual(authorization("localhost", None, "", str(file)),
+                             (("authorization", "Bearer secret"),))
 
     def test_does_not_send_a_token_over_the_network_in_plain_text(self):
         with self.assertRaisesRegex(ValueError, "plain text"):

@@ -120,6 +120,8 @@ class ScenesTest(unittest.TestCase):
             good.write_text(json.dumps(AS_DICT))
             bad.write_text("{")
             self.assertEqual(maneuver.load_scenario(good), to_proto(AS_DICT))
+            good.write_text(json.dumps(AS_DICT), encoding="utf-8-sig")  # as some editors begin it
+            self.assertEqual(maneuver.load_scenario(good), to_proto(AS_DICT))
             with self.assertRaisesRegex(ValueError, "bad.json: "):
                 maneuver.load_scenario(str(bad))
 

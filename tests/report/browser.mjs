@@ -182,6 +182,10 @@ check('scenes can be chosen, filtered, moved, zoomed and stepped through', async
   assert.deepEqual(await box(), before);
   await page.select('#scene-filter', 'group surprising');
   assert.equal((await page.$$('#scenes .thumbs .card')).length, 1);
+  for (const value of await page.$$eval('#scene-filter option', (options) => options.map((option) => option.value))) {
+    await page.select('#scene-filter', value);
+    assert.notEqual((await page.$$('#scenes .thumbs .card')).length, 0, value);
+  }
 });
 
 check('the keyboard does what the pointer does', async (browser) => {

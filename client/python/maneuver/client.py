@@ -63,8 +63,8 @@ class Client(Predictor):
     tls: None for plain text.
     token, token_file: says who calls, where the server asks for that. Sent over TLS, or within
         this machine, alone.
-    deadline: seconds for a call with all its attempts, or Deadlines for each kind of call. Every
-        method takes a `timeout` in its place.
+    deadline: seconds for a call with all its attempts, other than uploads and streams, which keep
+        their defaults; or Deadlines for each kind of call. A call's `timeout` takes its place.
     retries: how often a call that failed is tried again, or a RetryPolicy. Calls that are safe to
         repeat are: all but deletions and collect_outcomes. train, evaluate, cross_validate,
         recalibrate, tag and report_outcomes are safe because they carry a request_id; one is made

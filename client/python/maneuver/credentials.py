@@ -67,7 +67,12 @@ def parse_address(address: str) -> ServerAddress:
     """Reads the address that a Client is given; ValueError says what is wrong with it."""
     if not address:
         raise ValueError("address is empty; name the server as HOST:PORT")
+    for scheme in ("http://", "https://", "grpc://", "grpcs://"):
+        if address.startswith(scheme):
+            raise ValueError(f"{address}: name the server as HOST:PORT, without {scheme}")
     if address.startswith("dns:///"):
+        if address == "dns:///" or address.startswith("dns:///:"):
+            raise ValueError(f"{address}: a name is missing, as in dns:///NAME:PORT")
         name = _with_port(address[len("dns:///"):])
         return ServerAddress("dns:///" + name, True, (name,))
     every = tuple(_with_port(one) for one in address.split(","))
@@ -104,7 +109,7 @@ def authorization(address: str, tls: Optional[Tls], token: str,
     text.
     """
     if token_file:
-        token = pathlib.Path(token_file).read_text(encoding="utf-8").rstrip()
+        token = pathlib.Path(token_file).read_text(encoding="utf-8-sig").rstrip()
         if not token:
             raise ValueError(f"{token_file} holds no token")
     if not token:

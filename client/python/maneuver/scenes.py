@@ -163,10 +163,12 @@ Scenes = Union[Scene, Sequence[Scene]]
 def load_scenario(path: Union[str, "os.PathLike[str]"]) -> v1.Scenario:
     """Reads a scene from a JSON file, as `maneuver scenario extract` writes it.
 
+    Skips the byte order mark that some editors begin a file with.
+
     Raises OSError, and ValueError with what is wrong in the file.
     """
     try:
-        return to_proto(json.loads(pathlib.Path(path).read_text(encoding="utf-8")))
+        return to_proto(json.loads(pathlib.Path(path).read_text(encoding="utf-8-sig")))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 

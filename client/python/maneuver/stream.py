@@ -74,8 +74,9 @@ class PredictStream:
         Waits while 64 requests wait to be sent, because the server takes them more slowly than they
         come; skip a cycle then.
 
-        Raises ManeuverError once the stream has broken: then open another one. Raises ValueError
-        after finish() or cancel().
+        Raises ManeuverError once the stream has broken: then open another one. Raises what
+        `on_answer` raised, if it did. Raises ValueError after finish(), and ValueError or
+        CancelledError after cancel().
         """
         message = v1.StreamPredictRequest(request_id=request_id, request=v1.PredictRequest(
             model=model, scenarios=to_protos(scenes),

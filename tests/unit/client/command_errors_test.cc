@@ -434,6 +434,37 @@ TEST(CommandErrorsTest, SaysWhatIsWrongWithASceneWrittenByHand) {
             "maneuver: cannot read " + folder.path().string() + ": it is a folder\n");
 }
 
+grpc::Status ErrorWith(grpc::StatusCode code, const std::string& message,
+                       const v1::ErrorInfo& info) {
+  v1::Status status;
+  google::protobuf::Any& detail = *status.add_details();
+  detail.set_type_url("type.googleapis.com/google.rpc.ErrorInfo");
+  detail.set_value(info.SerializeAsString());
+  return {code, message, status.SerializeAsString()};
+}
+
+TEST(CommandErrorsTest, ADeadlineThatTheServerSetsIsNotTheCallers) {
+  client::TestServer server;
+  server.on_predict = [](auto*, const auto&, auto*) {
+    v1::ErrorInfo info;
+    info.set_reason("REQUEST_TOO_SLOW");
+    return ErrorWith(grpc::StatusCode::DEADLINE_EXCEEDED, "the request took more than 300 s", info);
+  };
+  EXPECT_EQ(Maneuver({"--server", server.address(), "predict", "-"}, kScene).err,
+            "maneuver: the request took more than 300 s\n");
+}
+
+TEST(CommandErrorsTest, AnErrorOfThisMachineSaysNothingOfTheServer) {
+  std::istringstream in;
+  std::ostringstream out;
+  std::ostringstream err;
+  Environment environment(in, out, err);
+  EXPECT_EQ(environment.Fail(absl::UnavailableError("Stale file handle")), kFailed);
+  EXPECT_EQ(environment.FailCall(absl::UnavailableError("Connection refused")), kFailed);
+  EXPECT_THAT(err.str(), AllOf(HasSubstr("maneuver: Stale file handle\n"),
+                               HasSubstr("maneuver: no server answers at 127.0.0.1:8470")));
+}
+
 TEST(CommandErrorsTest, NamesEveryActionThatIsGone) {
   client::TestServer server;
   server.on_predict = [](auto*, const auto&, auto*) {
@@ -441,13 +472,9 @@ TEST(CommandErrorsTest, NamesEveryActionThatIsGone) {
     gone.set_reason("ACTION_NAME_GONE");
     (*gone.mutable_metadata())["action_name_0"] = "fly";
     (*gone.mutable_metadata())["action_name_1"] = "sink";
-    v1::Status status;
-    google::protobuf::Any& detail = *status.add_details();
-    detail.set_type_url("type.googleapis.com/google.rpc.ErrorInfo");
-    detail.set_value(gone.SerializeAsString());
-    return grpc::Status(grpc::StatusCode::FAILED_PRECONDITION,
-                        "required_action_names: town/1 has no action named \"fly\" (and 1 more)",
-                        status.SerializeAsString());
+    return ErrorWith(grpc::StatusCode::FAILED_PRECONDITION,
+                     "required_action_names: town/1 has no action named \"fly\" (and 1 more)",
+                     gone);
   };
   EXPECT_EQ(Maneuver({"--server", server.address(), "predict", "-"}, kScene).err,
             "maneuver: --require-name: town/1 has no action named \"fly\" (and 1 more)\n"

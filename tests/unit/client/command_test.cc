@@ -2,10 +2,16 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <signal.h>
+#include <unistd.h>
 
+#include <atomic>
+#include <chrono>
+#include <csignal>
 #include <filesystem>
 #include <fstream>
 #include <sstream>
+#include <thread>
 
 #include "client/cli/job_display.h"
 #include "client/cli/maneuver.h"
@@ -319,6 +325,76 @@ TEST(CommandLineTest, ADetachedJobIsNamedWithTheCommandThatWatchesIt) {
   EXPECT_EQ(resumed.err, hint);
 }
 
+TEST(CommandLineTest, CtrlCStopsWatchingWithStatus130) {
+  client::TestServer server;
+  const auto start = [](v1::Job* job) { job->set_name("jobs/3f2a"); };
+  server.on_start_job = start;
+  server.on_train = [&](const v1::TrainRequest&, v1::Job* job) {
+    start(job);
+    return grpc::Status::OK;
+  };
+  std::atomic<bool> is_over = false;
+  server.on_watch = [&](const v1::WatchJobRequest&, auto*) {
+    kill(getpid(), SIGINT);
+    while (!is_over) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    return grpc::Status(grpc::StatusCode::CANCELLED, "");
+  };
+  for (const std::vector<std::string>& command : std::vector<std::vector<std::string>>{
+           {"job", "watch", "3f2a"},
+           {"train", "town", "--dataset", "town"},
+           {"evaluate", "town", "--dataset", "unseen", "--figures", "/tmp"}}) {
+    std::signal(SIGINT, SIG_DFL);  // whatever the shell has set
+    is_over = false;
+    std::vector<std::string> arguments = {"--server", server.address()};
+    arguments.insert(arguments.end(), command.begin(), command.end());
+    const Result result = Maneuver(arguments);
+    is_over = true;
+    EXPECT_EQ(result.status, kInterrupted) << command.front();
+    EXPECT_THAT(result.err, HasSubstr("Stopped watching; jobs/3f2a continues."));
+    if (command.front() == "evaluate") {
+      EXPECT_THAT(result.err, HasSubstr("maneuver job show 3f2a --figures /tmp\n"));
+    }
+  }
+}
+
+// The words after an option's value belong to the command.
+TEST(CommandLineTest, AnOptionThatMayBeRepeatedTakesOneValueEachTime) {
+  client::TestServer server;
+  std::vector<int32_t> actions;
+  server.on_predict = [&](grpc::ServerContext*, const v1::PredictRequest& request,
+                          v1::PredictResponse*) {
+    const auto& ids = request.query().action_ids().ids();
+    actions.assign(ids.begin(), ids.end());
+    return grpc::Status::OK;
+  };
+  server.on_start_job = [](v1::Job* job) { job->set_name("jobs/3f2a"); };
+  std::vector<std::string> datasets;
+  server.on_train = [&](const v1::TrainRequest& request, v1::Job* job) {
+    datasets.assign(request.datasets().begin(), request.datasets().end());
+    job->set_name("jobs/3f2a");
+    return grpc::Status::OK;
+  };
+  const std::string scene = R"({"agents": [{"id": 7, "states": [{}]}], "targetIds": [7]})";
+  Result result =
+      Maneuver({"--server", server.address(), "predict", "--actions", "1,2", "-"}, scene);
+  EXPECT_EQ(result.status, kOk) << result.err;
+  EXPECT_THAT(actions, ElementsAre(1, 2));
+  result = Maneuver({"--server", server.address(), "cross-validate", "--test-dataset", "ngsim",
+                     "town", "--detach"});
+  EXPECT_EQ(result.status, kOk) << result.err;
+  result = Maneuver({"--server", server.address(), "train", "--dataset", "a", "--dataset", "b",
+                     "town", "--detach"});
+  EXPECT_EQ(result.status, kOk) << result.err;
+  EXPECT_THAT(datasets, ElementsAre("datasets/a", "datasets/b"));
+}
+
+TEST(CommandLineTest, HelpMarksARequiredOption) {
+  EXPECT_THAT(Maneuver({"outcomes", "report", "--help"}).out,
+              testing::ContainsRegex("--model TEXT REQUIRED"));
+  EXPECT_THAT(Maneuver({"import", "argoverse", "--help"}).out,
+              testing::ContainsRegex("--maps TEXT REQUIRED"));
+}
+
 TEST(CommandLineTest, EvaluateSendsItsPriority) {
   client::TestServer server;
   int32_t asked = 0;
@@ -494,6 +570,16 @@ TEST(JobDisplayTest, ProgressOmitsWhatIsNotKnown) {
   progress.clear_time_left();
   EXPECT_EQ(ProgressText(progress, report),
             "joint 7/10  loss 2.311, held out 2.500  19 effective actions");
+}
+
+TEST(JobDisplayTest, EscapesTextOfTheServer) {
+  v1::JobProgress progress;
+  progress.set_phase("joint\x1b[2J");
+  EXPECT_EQ(ProgressText(progress, {}), "joint\\x1b[2J");
+  v1::Job job;
+  job.set_model_version("models/town/versions/3");
+  job.mutable_promotion_decision()->set_reason("worse\x1b[2J");
+  EXPECT_EQ(PromotionText(job, false), "town/3 was not promoted: worse\\x1b[2J\n");
 }
 
 TEST(JobDisplayTest, ShowsMetricsBesideThoseOfConstantVelocity) {

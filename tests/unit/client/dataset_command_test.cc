@@ -152,6 +152,16 @@ TEST_F(DatasetCommandTest, AFolderThatCannotBeLookedAtIsNoReasonToAbort) {
   EXPECT_THAT(err_.str(), HasSubstr("name too long"));
 }
 
+TEST_F(DatasetCommandTest, SaysThatASourceDoesNotExist) {
+  EXPECT_EQ(Maneuver({"scenario", "list", town() + "-none"}), kFailed);
+  EXPECT_EQ(err_.str(), "maneuver: " + town() + "-none does not exist\n");
+  EXPECT_EQ(Maneuver({"scenario", "list", "nowhere"}), kFailed);
+  EXPECT_EQ(err_.str(),
+            "maneuver: nowhere does not exist; for a dataset on the server use datasets/nowhere\n");
+  EXPECT_EQ(Maneuver({"scenario", "list", "/"}), kFailed);
+  EXPECT_EQ(err_.str(), "maneuver: / is not a dataset folder\n");
+}
+
 TEST_F(DatasetCommandTest, IndexesAFolderAndNamesADamagedIndex) {
   ASSERT_EQ(Maneuver({"dataset", "index", town()}), kOk) << err_.str();
   EXPECT_THAT(out_.str(), HasSubstr("3 recordings indexed"));
@@ -180,6 +190,16 @@ TEST(DescriptionTextTest, BarsAreProportionalToTheirShares) {
   EXPECT_THAT(text, HasSubstr("0 to 1 m/s       1 000  66.7 %  " + std::string(40, '#') + "\n"));
   EXPECT_THAT(text, HasSubstr("1 to 2.5 m/s       500  33.3 %  " + std::string(20, '#') + "\n"));
   EXPECT_THAT(text, HasSubstr("over 2.5 m/s         0   0.0 %\n"));
+}
+
+TEST(DescriptionTextTest, LeavesOutAHistogramThatLacksEdges) {
+  v1::DatasetSummary summary;
+  for (v1::Histogram* histogram : {summary.mutable_speeds(), summary.mutable_turns()}) {
+    histogram->add_edges(0.0);
+    for (const int64_t count : {1000, 500}) histogram->add_counts(count);
+  }
+  const std::string text = DescriptionText(summary, /*color=*/false);
+  EXPECT_THAT(text, AllOf(Not(HasSubstr("SPEED")), Not(HasSubstr("TURN"))));
 }
 
 }  // namespace

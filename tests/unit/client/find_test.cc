@@ -1,5 +1,6 @@
 // maneuver find on tags that maneuver tag wrote.
 
+#include <gmock/gmock.h>
 #include <google/protobuf/util/json_util.h>
 #include <gtest/gtest.h>
 
@@ -10,12 +11,14 @@
 #include <vector>
 
 #include "client/cli/command.h"
+#include "client/cli/found_scenes.h"
 #include "client/cli/maneuver.h"
 #include "model/artifact/model_folder.h"
 #include "model/data/dataset_folder.h"
 #include "model/data/town/synthetic_town.h"
 #include "model/files/durable_file.h"
 #include "model/scene/target_frame.h"
+#include "tests/unit/client/run_maneuver.h"
 #include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/model/inference/reference_model.h"
 #include "tests/unit/temporary_folder.h"
@@ -65,6 +68,16 @@ TEST(FindTest, AnExtractedScenePredictsFromAStateOfItsTarget) {
     ++extracted;
   }
   EXPECT_EQ(extracted, 3);
+}
+
+// Tags name a dataset by its folder's name alone.
+TEST(FindTest, RefusesTwoDatasetFoldersOfOneName) {
+  const Result result = Maneuver(
+      {"find", "tags", "--dataset", "may/town", "--dataset", "june/town", "--extract", "scenes"});
+  EXPECT_EQ(result.status, kUsage);
+  EXPECT_THAT(result.err,
+              testing::HasSubstr("--dataset: may/town and june/town have the same name"));
+  EXPECT_TRUE(CheckFolderNames({"may/town", "may/../may/town/", "may/city"}).ok());
 }
 
 }  // namespace

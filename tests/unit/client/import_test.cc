@@ -340,7 +340,7 @@ TEST_F(ImportTest, ImportsSequencesOfArgoverseWithTheirMap) {
   EXPECT_THAT(Ids("out"), ElementsAre("PIT-1000#1", "PIT-1000#2"));
   EXPECT_EQ(data::ReadScenario(folder_ / "out", "PIT-1000#1")->map_features_size(), 4);
   EXPECT_THAT(Maneuver({"import", "argoverse", Path("x"), Path("train/data")}).err,
-              HasSubstr("--maps is missing"));
+              HasSubstr("--maps is required"));
   EXPECT_THAT(
       Maneuver({"import", "argoverse", Path("x"), Path("train/data"), "--maps", Path("train")}).err,
       HasSubstr("holds no pruned_argoverse_"));

@@ -69,6 +69,7 @@ TEST(LoadCommandTest, ContradictionsAndWrongRangesAreUsageErrors) {
                                              {"load", "--targets", "5-1"},
                                              {"load", "--targets", "1.5"},
                                              {"load", "--deadline", "soon"},
+                                             {"load", "--metrics", "localhost"},
                                              {"load", "--dataset", "/nowhere"},
                                              {"load", "/nowhere/scene.json"}}) {
     std::istringstream in;
@@ -79,6 +80,30 @@ TEST(LoadCommandTest, ContradictionsAndWrongRangesAreUsageErrors) {
     EXPECT_EQ(RunManeuver(arguments, environment), kUsage) << testing::PrintToString(arguments);
     EXPECT_EQ(out.str(), "");
   }
+}
+
+TEST(LoadCommandTest, NamesAMetricsPageThatIsAwayAndNotTheServer) {
+  client::TestServer server;
+  server.on_predict = [](auto*, const auto&, v1::PredictResponse* response) {
+    response->add_predictions()->add_targets();
+    return grpc::Status::OK;
+  };
+  // Nobody listens on port 1 of this machine.
+  const Result result = Maneuver({"--server", server.address(), "load", "--scenes", "1", "--calls",
+                                  "1", "--metrics", "127.0.0.1:1"});
+  EXPECT_EQ(result.status, kFailed);
+  EXPECT_EQ(result.err, "maneuver: no metrics at 127.0.0.1:1: nobody listens there\n");
+}
+
+TEST(LoadCommandTest, AnErrorOfTheServerIsNoWrongCommandLine) {
+  client::TestServer server;
+  server.on_register_map = [](const auto&, auto*) {
+    return grpc::Status(grpc::StatusCode::NOT_FOUND, "there is no such store");
+  };
+  const Result result =
+      Maneuver({"--server", server.address(), "load", "--scenes", "1", "--register-maps"});
+  EXPECT_EQ(result.status, kFailed);
+  EXPECT_EQ(result.err, "maneuver: there is no such store\n");
 }
 
 TEST(LoadCommandTest, ScenesOfFilesExcludeThoseOfADataset) {
@@ -254,6 +279,14 @@ TEST(LoadReportTest, SaysWhyCallsWereSentLate) {
   const std::string text = LoadReportText(report, TableStyle::kText);
   EXPECT_THAT(text, HasSubstr("90 waited because 7 were in flight (--max-in-flight)"));
   EXPECT_THAT(text, Not(HasSubstr("processor time")));
+}
+
+TEST(LoadReportTest, EscapesAMessageOfTheServer) {
+  LoadReport report;
+  LoadStep& step = report.steps.emplace_back();
+  step.tally.refused_targets = 1;
+  step.tally.failure = absl::InvalidArgumentError("no \x1b[2J");
+  EXPECT_THAT(LoadReportText(report, TableStyle::kText), HasSubstr("no \\x1b[2J"));
 }
 
 TEST(LoadReportTest, ShowsMissingFiguresAsDashes) {

@@ -38,6 +38,14 @@ class Models final : public v1::ModelService::Service {
   grpc::Status removal;                           // what that is answered with
 
  private:
+  // Has models/town.
+  grpc::Status ListModelVersions(grpc::ServerContext*, const v1::ListModelVersionsRequest* request,
+                                 v1::ListModelVersionsResponse* response) override {
+    if (request->parent() == "models/town" || request->parent() == "models/-") {
+      response->add_model_versions()->set_name("models/town/versions/2");
+    }
+    return grpc::Status::OK;
+  }
   grpc::Status GetActionSet(grpc::ServerContext*, const v1::GetActionSetRequest* request,
                             v1::ActionSet* response) override {
     speeds.push_back(request->has_speed() ? std::optional(request->speed()) : std::nullopt);
@@ -244,6 +252,20 @@ TEST_F(ModelCommandTest, PromotionSaysWhyActionsCannotBeMatched) {
 TEST_F(ModelCommandTest, ListsActionsByTheirDisplayNames) {
   EXPECT_THAT(Run({"model", "actions", "town"}),
               ContainsRegex("ACTION +NAME +USAGE.*\n +0 +brake "));
+}
+
+TEST_F(ModelCommandTest, FailsToListAModelThatDoesNotExist) {
+  EXPECT_THAT(Run({"model", "list", "town"}), HasSubstr("town/2"));
+  EXPECT_EQ(
+      Run({"model", "list", "twon"}, kFailed),
+      "maneuver: there is no version of twon; maneuver model list shows those of all models\n");
+}
+
+TEST_F(ModelCommandTest, PromotionNeedsBothADatasetAndARequirement) {
+  EXPECT_THAT(Run({"model", "promote", "town/2", "--dataset", "unseen"}, kUsage),
+              HasSubstr("--dataset needs --ahead-of or --not-behind"));
+  EXPECT_THAT(Run({"model", "promote", "town/2", "--ahead-of", "cv"}, kUsage),
+              HasSubstr("--ahead-of and --not-behind need --dataset"));
 }
 
 TEST_F(ModelCommandTest, RequiresTheVersionToDelete) {

@@ -104,5 +104,22 @@ TEST(OutcomesCommandTest, ADatasetOfTheServerPrecedesAFolderOfThatPath) {
   server->Shutdown(std::chrono::system_clock::now());
 }
 
+TEST(OutcomesCommandTest, AMistypedFileIsNoDatasetOfTheServer) {
+  Models models;
+  Datasets datasets;
+  int port = 0;
+  const auto server = grpc::ServerBuilder()
+                          .AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port)
+                          .RegisterService(&models)
+                          .RegisterService(&datasets)
+                          .BuildAndStart();
+  const Result result = Maneuver({"--server", "127.0.0.1:" + std::to_string(port), "outcomes",
+                                  "report", "nowhere/scene.json", "--model", "town"});
+  EXPECT_EQ(result.status, kFailed);
+  EXPECT_EQ(result.err, "maneuver: nowhere/scene.json does not exist\n");
+  EXPECT_EQ(datasets.asked, "");
+  server->Shutdown(std::chrono::system_clock::now());
+}
+
 }  // namespace
 }  // namespace maneuver::cli::outcomes_command_test

@@ -54,6 +54,20 @@ TEST(ServerAddressTest, RefusesAListThatContainsANonAddress) {
   }
 }
 
+TEST(ServerAddressTest, SaysWhatIsWrongWithAnAddress) {
+  for (const auto& [address, why] : std::vector<std::pair<std::string, std::string>>{
+           {"http://planner:8470", "name the server as HOST:PORT, without http://"},
+           {"https://planner", "without https://"},
+           {"dns:///", "a name is missing, as in dns:///NAME:PORT"},
+           {"dns:///:8470", "a name is missing"},
+           {"10.0.0.1:8470,10.0.0.2", "needs its port, and 10.0.0.2 has none"},
+           {"[fd00::1],[::1]", "[fd00::1] has none"}}) {
+    const absl::Status status = ParseServerAddress(address).status();
+    EXPECT_TRUE(absl::IsInvalidArgument(status)) << address;
+    EXPECT_NE(status.message().find(why), std::string::npos) << status;
+  }
+}
+
 TEST(ServerAddressTest, RefusesAPortThatThereIsNot) {
   for (const char* address :
        {"planner:99999", "planner:0", "[::1]:65536", "dns:///planner:4294967297",

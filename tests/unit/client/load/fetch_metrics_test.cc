@@ -104,7 +104,9 @@ TEST(FetchMetricsAddressTest, DistinguishesInvalidAddressesFromUnreachableOnes) 
   for (const char* url : {"", "https://localhost:1/metrics", "localhost", "http://", "http://:80/",
                           "localhost:http", "localhost:70000", "localhost:"}) {
     EXPECT_TRUE(absl::IsInvalidArgument(FetchMetrics(url).status())) << url;
+    EXPECT_TRUE(absl::IsInvalidArgument(CheckMetricsAddress(url))) << url;
   }
+  EXPECT_TRUE(CheckMetricsAddress("127.0.0.1:9470").ok());
   // Nobody listens on port 1 of this machine.
   EXPECT_TRUE(absl::IsUnavailable(FetchMetrics("http://127.0.0.1:1/metrics").status()));
   EXPECT_TRUE(absl::IsUnavailable(FetchMetrics("[::1]:1").status()));

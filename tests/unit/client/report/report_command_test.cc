@@ -1,8 +1,11 @@
 #include <gmock/gmock.h>
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
+#include <signal.h>
+#include <unistd.h>
 
 #include <atomic>
+#include <csignal>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -112,6 +115,10 @@ class Datasets final : public v1::DatasetService::Service {
 };
 
 class Predictions final : public v1::PredictionService::Service {
+ public:
+  std::atomic<bool> answers_too_much = false;  // for scenes that nobody asked about
+
+ private:
   grpc::Status Predict(grpc::ServerContext*, const v1::PredictRequest* request,
                        v1::PredictResponse* response) override {
     EXPECT_EQ(request->model(), kVersion);
@@ -123,6 +130,12 @@ class Predictions final : public v1::PredictionService::Service {
       v1::ScenarioPrediction* prediction = response->add_predictions();
       prediction->set_scenario_index(i);
       *prediction->add_targets() = report::MadeUpScene(0, "").prediction;
+    }
+    for (const int index : {-1, request->scenarios_size()}) {
+      if (!answers_too_much || request->scenarios_size() == 1) break;
+      v1::ScenarioPrediction* prediction = response->add_predictions();
+      prediction->set_scenario_index(index);
+      prediction->add_targets();
     }
     return grpc::Status::OK;
   }
@@ -137,6 +150,11 @@ class Predictions final : public v1::PredictionService::Service {
         target->add_responsibilities(id == 3 ? 1.0 : 0.0);
       }
     }
+    if (answers_too_much) {
+      v1::ScenarioClassification* answer = response->add_classifications();
+      answer->set_scenario_index(request->scenarios_size());
+      answer->add_targets();
+    }
     return grpc::Status::OK;
   }
 };
@@ -145,6 +163,7 @@ class Training final : public v1::TrainingService::Service {
  public:
   std::atomic<bool> forgotten = false;
   std::atomic<bool> started = false;
+  std::atomic<bool> interrupts = false;  // takes trainings, and presses Ctrl-C once one is watched
 
  private:
   static v1::Job Job() {
@@ -155,8 +174,10 @@ class Training final : public v1::TrainingService::Service {
     *job.mutable_progress() = report::MadeUpEpoch("joint", 2, 2);
     return job;
   }
-  grpc::Status Train(grpc::ServerContext*, const v1::TrainRequest*, v1::Job*) override {
+  grpc::Status Train(grpc::ServerContext*, const v1::TrainRequest*, v1::Job* response) override {
     started = true;
+    *response = Job();
+    if (interrupts) return grpc::Status::OK;
     return {grpc::StatusCode::INVALID_ARGUMENT, "not here"};
   }
   grpc::Status Evaluate(grpc::ServerContext*, const v1::EvaluateRequest*, v1::Job*) override {
@@ -185,6 +206,7 @@ class Training final : public v1::TrainingService::Service {
       *event.mutable_job()->mutable_progress() = report::MadeUpEpoch("joint", epoch, epoch);
       writer->Write(event);
     }
+    if (interrupts) kill(getpid(), SIGINT);
     while (!context->IsCancelled()) absl::SleepFor(absl::Milliseconds(5));
     return grpc::Status::CANCELLED;
   }
@@ -254,6 +276,13 @@ TEST_F(ReportCommandTest, ModelReportGathersAllPartsIntoOneFile) {
     EXPECT_NEAR(scene["surprise"].get<double>(), -std::log(0.0625), 0.001);  // p of action 3
     EXPECT_NEAR(scene["speed"].get<double>(), scene["target"] == "7" ? 10.0 : 0.0, 0.01);
   }
+}
+
+TEST_F(ReportCommandTest, IgnoresAnswersForScenesThatWereNotAskedAbout) {
+  predictions_.answers_too_much = true;
+  const Result result = Run({"model", "report", "town/3", "--out", File("report.html")});
+  EXPECT_EQ(result.status, kOk) << result.err;
+  EXPECT_FALSE(Data("report.html")["scenes"].empty());
 }
 
 TEST_F(ReportCommandTest, QuietKeepsTheProgressForPrograms) {
@@ -329,6 +358,16 @@ TEST_F(ReportCommandTest, RefusesAnUnwritableFileBeforeStartingTheJob) {
     EXPECT_THAT(result.err, AllOf(HasSubstr("/dev/null/folder/r"), Not(HasSubstr("server"))));
     EXPECT_FALSE(training_.started);
   }
+}
+
+TEST_F(ReportCommandTest, CtrlCSaysHowToGetTheReportLater) {
+  std::signal(SIGINT, SIG_DFL);  // whatever the shell has set
+  training_.interrupts = true;
+  const Result result =
+      Run({"train", "town", "--dataset", "town", "--report", File("report.html")});
+  EXPECT_EQ(result.status, kInterrupted) << result.err;
+  EXPECT_THAT(result.err,
+              HasSubstr("once it has ended: maneuver job report abc --out " + File("report.html")));
 }
 
 TEST_F(ReportCommandTest, ADetachedJobSaysHowToGetItsReportLater) {
