@@ -250,6 +250,14 @@ void AddMlp(const std::string& name, int64_t inputs, const v1::MlpSpec& mlp, int
   }
 }
 
+// Returns the time of waypoint `number`, from 1, seconds. Computed from whole nanoseconds, so that
+// 3 times 0.1 s is 0.3 s.
+double TimeOfWaypoint(const v1::TrajectorySpec& spec, int64_t number) {
+  const int64_t interval =
+      google::protobuf::util::TimeUtil::DurationToNanoseconds(spec.waypoint_interval());
+  return static_cast<double>(number * interval) / 1e9;
+}
+
 }  // namespace
 
 std::vector<scene::FieldViolation> ValidateModelSpec(const v1::ModelSpec& spec) {
@@ -277,17 +285,12 @@ std::vector<scene::FieldViolation> ValidateModelSpec(const v1::ModelSpec& spec) 
   return std::move(rules).violations();
 }
 
-double WaypointInterval(const v1::TrajectorySpec& spec) {
-  return scene::ToSeconds(spec.waypoint_interval());
-}
+double WaypointInterval(const v1::TrajectorySpec& spec) { return TimeOfWaypoint(spec, 1); }
 
 std::vector<double> WaypointTimes(const v1::TrajectorySpec& spec) {
-  // Computed from whole nanoseconds, so that 3 times 0.1 s is 0.3 s.
-  const int64_t interval =
-      google::protobuf::util::TimeUtil::DurationToNanoseconds(spec.waypoint_interval());
   std::vector<double> times(static_cast<size_t>(spec.waypoints()));
   for (size_t t = 0; t < times.size(); ++t) {
-    times[t] = static_cast<double>(static_cast<int64_t>(t + 1) * interval) / 1e9;
+    times[t] = TimeOfWaypoint(spec, static_cast<int64_t>(t + 1));
   }
   return times;
 }

@@ -17,7 +17,7 @@ namespace maneuver::artifact {
 // Returns what is wrong with a complete spec. Field paths start at the spec: raster.height, ...
 std::vector<scene::FieldViolation> ValidateModelSpec(const v1::ModelSpec& spec);
 
-// Returns the time between two waypoints, and from the prediction time to the first one, seconds.
+// Returns the time between two waypoints, seconds. It is the first of WaypointTimes.
 double WaypointInterval(const v1::TrajectorySpec& spec);
 // Returns the time of each waypoint after the prediction time, [T] seconds.
 std::vector<double> WaypointTimes(const v1::TrajectorySpec& spec);

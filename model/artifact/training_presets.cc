@@ -344,7 +344,9 @@ void CheckExamples(const v1::ExampleSettings& examples, FieldRules* rules) {
   rules->Require(examples.validation_share() >= 0 && examples.validation_share() < 1,
                  "examples.validation_share", "must be at least 0 and less than 1");
   rules->Between("examples.label_share", "share", examples.label_share(), 0.0, 1.0);
-  rules->Require(examples.max_examples() >= 0, "examples.max_examples", "must not be negative");
+  // An epoch of one example has no step: batch normalisation needs two.
+  rules->Require(examples.max_examples() == 0 || examples.max_examples() >= 2,
+                 "examples.max_examples", "must be at least 2, or 0 for all examples");
   for (int i = 0; i < examples.dataset_weights_size(); ++i) {
     const double weight = examples.dataset_weights(i);
     rules->Require(weight > 0.0 && weight <= 1e6, absl::StrCat("examples.dataset_weights[", i, "]"),

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <set>
 #include <string>
 #include <utility>
@@ -10,8 +11,10 @@
 #include "absl/strings/str_cat.h"
 #include "model/artifact/model_spec.h"
 #include "model/evaluation/assignment.h"
+#include "model/evaluation/generic_mean.h"
 #include "model/evaluation/kinematic_classes.h"
 #include "model/inference/trajectory_set.h"
+#include "model/scene/target_frame.h"
 
 namespace maneuver::evaluation {
 namespace {
@@ -24,18 +27,6 @@ struct Candidate {
   Trajectory mean;  // generic, target frame
 };
 
-absl::StatusOr<Trajectory> MeanOf(const v1::Action& action, size_t waypoints) {
-  const v1::Trajectory& mean = action.distribution().mean_trajectory();
-  if (mean.x_size() != static_cast<int>(waypoints) || mean.y_size() != mean.x_size()) {
-    return absl::InvalidArgumentError(absl::StrCat("the mean trajectory of action ",
-                                                   action.action_id(), " has not ", waypoints,
-                                                   " waypoints"));
-  }
-  Trajectory trajectory(mean.x_size(), 2);
-  for (int t = 0; t < mean.x_size(); ++t) trajectory.row(t) << mean.x(t), mean.y(t);
-  return trajectory;
-}
-
 //   shares: [K]; empty: those of the manifest
 absl::StatusOr<std::vector<Candidate>> CandidatesOf(const v1::ModelManifest& manifest,
                                                     const Eigen::VectorXd& shares,
@@ -46,8 +37,12 @@ absl::StatusOr<std::vector<Candidate>> CandidatesOf(const v1::ModelManifest& man
   std::vector<Candidate> candidates;
   for (const v1::Action& action : manifest.actions()) {
     if (!action.effective()) continue;
-    absl::StatusOr<Trajectory> mean = MeanOf(action, waypoint_times.size());
-    if (!mean.ok()) return mean.status();
+    std::optional<Trajectory> mean = GenericMean(action);
+    if (!mean || mean->rows() != static_cast<Eigen::Index>(waypoint_times.size())) {
+      return absl::InvalidArgumentError(absl::StrCat("the mean trajectory of action ",
+                                                     action.action_id(), " has not ",
+                                                     waypoint_times.size(), " waypoints"));
+    }
     v1::MatchedAction description;
     description.set_action_id(action.action_id());
     description.set_label(action.label());
@@ -145,8 +140,9 @@ absl::StatusOr<v1::ActionMatching> MatchActions(const v1::ModelManifest& first,
                                                 const Eigen::VectorXd& second_shares) {
   const std::vector<double> times = artifact::WaypointTimes(first.spec().trajectory());
   const std::vector<double> others = artifact::WaypointTimes(second.spec().trajectory());
-  const bool alike = std::equal(times.begin(), times.end(), others.begin(), others.end(),
-                                [](double a, double b) { return std::abs(a - b) < 1e-6; });
+  const bool alike =
+      std::equal(times.begin(), times.end(), others.begin(), others.end(),
+                 [](double a, double b) { return std::abs(a - b) < scene::kSameTime; });
   if (!alike || times.empty()) {
     return absl::InvalidArgumentError(
         "the models' waypoints are not at the same times: match models of one horizon and one "

@@ -9,20 +9,12 @@
 #include "absl/strings/str_cat.h"
 #include "model/artifact/model_spec.h"
 #include "model/evaluation/action_phrase.h"
+#include "model/evaluation/generic_mean.h"
 
 namespace maneuver::evaluation {
 namespace {
 
 std::string NumberedName(int action_id) { return absl::StrCat("action ", action_id); }
-
-// Nothing if the action has no mean trajectory.
-std::optional<inference::Trajectory> GenericMean(const v1::Action& action) {
-  const v1::Trajectory& mean = action.distribution().mean_trajectory();
-  if (mean.x().empty() || mean.x_size() != mean.y_size()) return std::nullopt;
-  inference::Trajectory trajectory(mean.x_size(), 2);
-  for (int t = 0; t < mean.x_size(); ++t) trajectory.row(t) << mean.x(t), mean.y(t);
-  return trajectory.allFinite() ? std::optional(trajectory) : std::nullopt;
-}
 
 v1::AgentType MoverOf(const v1::ModelSpec& spec) {
   return spec.target_types_size() == 1 ? spec.target_types(0) : v1::AGENT_TYPE_VEHICLE;
@@ -31,9 +23,12 @@ v1::AgentType MoverOf(const v1::ModelSpec& spec) {
 ActionPhrase PhraseOf(const v1::ModelSpec& spec, const v1::Action& action,
                       const v1::ActionUse* use) {
   const std::optional<inference::Trajectory> mean = GenericMean(action);
-  const std::vector<double> times = artifact::WaypointTimes(spec.trajectory());
-  if (!mean || times.empty()) return {.words = NumberedName(action.action_id())};
-  ActionEvidence evidence{.mean = *mean, .waypoint_interval = times[0], .type = MoverOf(spec)};
+  if (!mean || !mean->allFinite() || spec.trajectory().waypoints() == 0) {
+    return {.words = NumberedName(action.action_id())};
+  }
+  ActionEvidence evidence{.mean = *mean,
+                          .waypoint_interval = artifact::WaypointInterval(spec.trajectory()),
+                          .type = MoverOf(spec)};
   if (use != nullptr) evidence.use = *use;
   return artifact::HasReference(spec) ? RelativePhrase(evidence) : PlacePhrase(evidence);
 }

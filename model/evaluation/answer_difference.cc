@@ -6,20 +6,12 @@
 #include "absl/status/status.h"
 #include "model/artifact/model_spec.h"
 #include "model/evaluation/action_matching.h"
+#include "model/evaluation/calibration.h"
 #include "model/evaluation/displacement.h"
+#include "model/scene/target_frame.h"
 
 namespace maneuver::evaluation {
 namespace {
-
-constexpr double kSameTime = 1e-6;  // seconds
-
-double EntropyInNats(const Eigen::VectorXd& p) {
-  double entropy = 0.0;
-  for (const double each : p) {
-    if (each > 0.0) entropy -= each * std::log(each);
-  }
-  return std::max(0.0, entropy);
-}
 
 // KL(p || (p + q) / 2)
 double DivergenceFromMean(const Eigen::VectorXd& p, const Eigen::VectorXd& q) {
@@ -84,11 +76,13 @@ absl::StatusOr<AnswerComparison> AnswerComparison::Make(const v1::ModelManifest&
   const std::vector<double> theirs = artifact::WaypointTimes(second.spec().trajectory());
   AnswerComparison comparison;
   for (const double time : ours) {
-    const auto later = std::ranges::lower_bound(theirs, time - kSameTime);
+    const auto later = std::ranges::lower_bound(theirs, time - scene::kSameTime);
     if (later == theirs.end()) break;
     const double before = later == theirs.begin() ? 0.0 : *(later - 1);
     Place place{.later = later - theirs.begin()};
-    if (std::abs(*later - time) > kSameTime) place.weight = (time - before) / (*later - before);
+    if (std::abs(*later - time) > scene::kSameTime) {
+      place.weight = (time - before) / (*later - before);
+    }
     comparison.places_.push_back(place);
   }
   comparison.times_ = static_cast<Eigen::Index>(comparison.places_.size());
@@ -158,12 +152,12 @@ AnswerDifference AnswerComparison::Compare(const VersionAnswer& first,
   difference.expected = AverageDisplacement(ours.Expected(), theirs.Expected());
   difference.likeliest =
       AverageDisplacement(ours.means[Likeliest(first)], theirs.means[Likeliest(second)]);
-  // Rounding can make it slightly negative.
+  // Rounding can make this and the entropies slightly negative.
   difference.energy =
       std::max(0.0, 2.0 * ExpectedDistance(ours, theirs) - ExpectedDistance(ours, ours) -
                         ExpectedDistance(theirs, theirs));
-  difference.first_entropy = EntropyInNats(first.probabilities);
-  difference.second_entropy = EntropyInNats(second.probabilities);
+  difference.first_entropy = std::max(0.0, Entropy(first.probabilities));
+  difference.second_entropy = std::max(0.0, Entropy(second.probabilities));
   if (symbols_ > 0) {
     const Eigen::VectorXd p = SymbolProbabilities(first.probabilities, first_symbols_);
     const Eigen::VectorXd q = SymbolProbabilities(second.probabilities, second_symbols_);

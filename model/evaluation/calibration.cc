@@ -4,7 +4,6 @@
 #include <cmath>
 
 namespace maneuver::evaluation {
-namespace {
 
 double Entropy(const Eigen::VectorXd& p) {
   double entropy = 0.0;
@@ -13,8 +12,6 @@ double Entropy(const Eigen::VectorXd& p) {
   }
   return entropy;
 }
-
-}  // namespace
 
 ActionStatistics::ActionStatistics(int actions)
     : sum_(Eigen::VectorXd::Zero(actions)), largest_(Eigen::VectorXd::Zero(actions)) {}

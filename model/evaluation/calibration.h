@@ -9,6 +9,10 @@
 
 namespace maneuver::evaluation {
 
+// Returns H(p) = -sum p ln p, nats.
+//   p: probabilities that sum to 1
+double Entropy(const Eigen::VectorXd& p);
+
 // Collects p(y|s) and q(y|x,s) over examples.
 class ActionStatistics {
  public:

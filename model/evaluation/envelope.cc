@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include "model/evaluation/likelihood.h"
+
 namespace maneuver::evaluation {
 
 WaypointCovariances LatentCovariance(const inference::ActionDistribution& distribution) {
@@ -21,16 +23,11 @@ Coverage CoverageOf(const inference::Trajectory& mean, const WaypointCovariances
   int one = 0;
   int two = 0;
   for (Eigen::Index t = 0; t < truth.rows(); ++t) {
-    const double dx = truth(t, 0) - mean(t, 0);
-    const double dy = truth(t, 1) - mean(t, 1);
-    const double xx = covariance(t, 0);
-    const double xy = covariance(t, 1);
-    const double yy = covariance(t, 2);
-    const double determinant = xx * yy - xy * xy;
-    if (!(determinant > kSingular * (xx + yy) * (xx + yy))) continue;
-    const double mahalanobis = (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / determinant;
-    if (mahalanobis <= 1.0) ++one;
-    if (mahalanobis <= 4.0) ++two;
+    const double trace = covariance(t, 0) + covariance(t, 2);
+    const auto [squared_distance, determinant] = DistanceAt(mean, covariance, truth, t);
+    if (!(determinant > kSingular * trace * trace)) continue;
+    if (squared_distance <= 1.0) ++one;
+    if (squared_distance <= 4.0) ++two;
   }
   const auto count = static_cast<double>(truth.rows());
   return {one / count, two / count};

@@ -3,6 +3,7 @@
 #ifndef MANEUVER_MODEL_EVALUATION_ENVELOPE_H_
 #define MANEUVER_MODEL_EVALUATION_ENVELOPE_H_
 
+#include "model/evaluation/gaussian_shares.h"
 #include "model/inference/action_model.h"
 
 namespace maneuver::evaluation {
@@ -15,8 +16,8 @@ WaypointCovariances LatentCovariance(const inference::ActionDistribution& distri
 
 // Shares of the waypoints t whose truth lies in the n-sigma ellipse, edge included:
 //   (x_t - m_t)^T C_t^-1 (x_t - m_t) <= n^2.
-// A 2-D Gaussian contains 1 - exp(-n^2 / 2): 39.3 % for n = 1, 86.5 % for n = 2. A singular C_t
-// contains nothing.
+// A Gaussian contains kGaussianOneSigma or kGaussianTwoSigma of them. A singular C_t contains
+// nothing.
 struct Coverage {
   double one_sigma = 0.0;
   double two_sigma = 0.0;
@@ -24,9 +25,6 @@ struct Coverage {
 
 Coverage CoverageOf(const inference::Trajectory& mean, const WaypointCovariances& covariance,
                     const inference::Trajectory& truth);
-
-inline constexpr double kGaussianOneSigma = 0.393469;  // 1 - exp(-1/2)
-inline constexpr double kGaussianTwoSigma = 0.864665;  // 1 - exp(-2)
 
 // Returns the mean over the waypoints of sqrt(trace(C_t) / 2), metres. For a circle, that is the
 // standard deviation of each coordinate.

@@ -11,17 +11,24 @@ namespace {
 // Returns ln N(x_t; m_t, C_t).
 double LogDensity(const inference::ActionDistribution& distribution,
                   const inference::Trajectory& truth, Eigen::Index t) {
-  const double dx = truth(t, 0) - distribution.moment_mean(t, 0);
-  const double dy = truth(t, 1) - distribution.moment_mean(t, 1);
-  const double xx = distribution.moment_covariance(t, 0);
-  const double xy = distribution.moment_covariance(t, 1);
-  const double yy = distribution.moment_covariance(t, 2);
-  const double determinant = xx * yy - xy * xy;
-  const double mahalanobis = (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / determinant;
-  return -0.5 * mahalanobis - 0.5 * std::log(determinant) - std::log(2.0 * std::numbers::pi);
+  const auto [squared_distance, determinant] =
+      DistanceAt(distribution.moment_mean, distribution.moment_covariance, truth, t);
+  return -0.5 * squared_distance - 0.5 * std::log(determinant) - std::log(2.0 * std::numbers::pi);
 }
 
 }  // namespace
+
+WaypointDistance DistanceAt(const inference::Trajectory& mean,
+                            const inference::WaypointCovariances& covariance,
+                            const inference::Trajectory& truth, Eigen::Index t) {
+  const double dx = truth(t, 0) - mean(t, 0);
+  const double dy = truth(t, 1) - mean(t, 1);
+  const double xx = covariance(t, 0);
+  const double xy = covariance(t, 1);
+  const double yy = covariance(t, 2);
+  const double determinant = xx * yy - xy * xy;
+  return {(yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / determinant, determinant};
+}
 
 double GaussianNll(const inference::ActionDistribution& distribution,
                    const inference::Trajectory& truth) {

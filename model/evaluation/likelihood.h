@@ -12,6 +12,17 @@ namespace maneuver::evaluation {
 // All likelihoods are those of Gaussians N(m_yt, C_yt) with the moments of action y's distribution
 // at waypoint t: the moments of its sigma points plus the decoder's covariance.
 
+// How far the truth is off at a waypoint, by the covariance C_t.
+struct WaypointDistance {
+  double squared_distance = 0.0;  // (x_t - m_t)^T C_t^-1 (x_t - m_t); not finite if C_t is singular
+  double determinant = 0.0;       // of C_t, metres^4
+};
+
+//   mean: m, [T, 2] metres;  covariance: C, [T, 3];  truth: x, [T, 2] metres
+WaypointDistance DistanceAt(const inference::Trajectory& mean,
+                            const inference::WaypointCovariances& covariance,
+                            const inference::Trajectory& truth, Eigen::Index t);
+
 // Returns -1/T sum_t ln N(x_t; m_t, C_t) of one action, nats per waypoint.
 double GaussianNll(const inference::ActionDistribution& distribution,
                    const inference::Trajectory& truth);

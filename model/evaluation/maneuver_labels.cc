@@ -5,10 +5,10 @@
 #include <string_view>
 #include <tuple>
 
+#include "model/scene/target_frame.h"
+
 namespace maneuver::evaluation {
 namespace {
-
-constexpr double kSameMoment = 1e-6;  // seconds; tolerance for rounded times
 
 bool IsOfAMoment(const v1::ManeuverAnnotation& annotation) {
   return annotation.start_time() == annotation.end_time();
@@ -40,7 +40,7 @@ std::optional<int> ManeuverLabels::Over(const std::string& scenario_id, int64_t 
   if (found == intervals_.end()) return std::nullopt;
   std::map<int, double> covered;  // seconds of the window, by class
   const v1::ManeuverAnnotation* moment = nullptr;
-  double nearest = kNearMoment + kSameMoment;
+  double nearest = kNearMoment + scene::kSameTime;
   for (const v1::ManeuverAnnotation* annotation : found->second) {
     if (IsOfAMoment(*annotation)) {
       const double distance = std::abs(annotation->start_time() - start);

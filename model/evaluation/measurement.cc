@@ -10,6 +10,14 @@
 #include "model/scene/target_frame.h"
 
 namespace maneuver::evaluation {
+
+struct ExampleTruth {
+  const v1::Agent& agent;        // the target
+  Motion motion;                 // at the prediction time
+  Trajectory trajectory;         // target frame, metres
+  std::vector<double> headings;  // at the times that Waymo measures, target frame, radians
+};
+
 namespace {
 
 using inference::ActionDistribution;
@@ -37,31 +45,39 @@ std::vector<int> AllActions(Eigen::Index count) {
   return actions;
 }
 
-// The truth about one example.
-struct Truth {
-  Trajectory trajectory;
-  std::vector<double> headings;  // at the times that Waymo measures, target frame
-  double speed;                  // at the prediction time, m/s
-};
+// Returns the course between the waypoints on either side of a time, target frame, radians. It is 0
+// if the target stays where it is.
+//   trajectory: [T, 2] target frame, metres;  waypoint_times: [T] seconds
+//   time: seconds after the prediction time, at most the last waypoint's
+double CourseAt(const Trajectory& trajectory, std::span<const double> waypoint_times, double time) {
+  const auto after = std::ranges::lower_bound(waypoint_times, time - scene::kSameTime);
+  const Eigen::Index row = after - waypoint_times.begin();
+  Eigen::RowVector2d step = trajectory.row(row);
+  if (row > 0) step -= trajectory.row(row - 1);
+  return std::atan2(step.y(), step.x());
+}
 
-Truth TruthOf(const data::Example& example, const v1::Agent& agent, double speed,
-              const MeasuringContext& context) {
-  Truth truth{ToTrajectory(example.trajectory), {}, speed};
+ExampleTruth TruthOf(const data::Example& example, const MeasuringContext& context) {
+  const v1::Scenario& recording = context.recordings[static_cast<size_t>(example.recording)];
+  const v1::Agent& agent = *scene::FindAgent(recording, example.target_id);
+  ExampleTruth truth{agent, MotionAt(agent, example.time), ToTrajectory(example.trajectory), {}};
   for (const double time : context.waymo.measured_times()) {
     const int index =
         scene::FindState(agent, example.time + time, context.window.max_gap(), HUGE_VAL);
-    truth.headings.push_back(agent.states(index).heading() - example.X_WT.heading());
+    // Between two waypoints the track may have a gap.
+    truth.headings.push_back(index >= 0 ? agent.states(index).heading() - example.X_WT.heading()
+                                        : CourseAt(truth.trajectory, context.waypoint_times, time));
   }
   return truth;
 }
 
-WaymoErrors WaymoErrorsOf(std::span<const Trajectory> ranked, int k, const Truth& truth,
+WaymoErrors WaymoErrorsOf(std::span<const Trajectory> ranked, int k, const ExampleTruth& truth,
                           const MeasuringContext& context) {
   if (context.waymo.measured_times().empty()) return {};
-  return context.waymo.BestOf(ranked, k, truth.trajectory, truth.headings, truth.speed);
+  return context.waymo.BestOf(ranked, k, truth.trajectory, truth.headings, truth.motion.speed());
 }
 
-BaselineErrors BaselineErrorsOf(const Trajectory& predicted, const Truth& truth,
+BaselineErrors BaselineErrorsOf(const Trajectory& predicted, const ExampleTruth& truth,
                                 const MeasuringContext& context) {
   return {ErrorsOf(predicted, truth.trajectory), WaymoErrorsOf({&predicted, 1}, 1, truth, context)};
 }
@@ -184,28 +200,27 @@ void Measurer::Measure(std::span<const data::Example> examples, std::span<Measur
     scenes.push_back(inference::ViewOf(inputs_[i]));
   }
   session_->Encode(scenes, std::span(encodings_).first(examples.size()));
+  std::vector<ExampleTruth> truths;
   for (size_t i = 0; i < examples.size(); ++i) {
-    measured[i] = MeasureOne(examples[i], encodings_[i]);
+    truths.push_back(TruthOf(examples[i], context_));
+    measured[i] = MeasureOne(examples[i], truths[i], encodings_[i]);
   }
   if (context_.baselines == nullptr) return;
-  MeasureAnchors(scenes, examples, *context_.baselines->covernet, *covernet_,
-                 &Measurement::covernet, measured);
-  MeasureAnchors(scenes, examples, *context_.baselines->multipath, *multipath_,
+  MeasureAnchors(scenes, truths, *context_.baselines->covernet, *covernet_, &Measurement::covernet,
+                 measured);
+  MeasureAnchors(scenes, truths, *context_.baselines->multipath, *multipath_,
                  &Measurement::multipath, measured);
 }
 
 void Measurer::MeasureAnchors(std::span<const inference::SceneInputsView> scenes,
-                              std::span<const data::Example> examples,
+                              std::span<const ExampleTruth> truths,
                               const inference::AnchorModel& model,
                               inference::InferenceSession& session,
                               std::optional<AnchorMeasurement> Measurement::*field,
                               std::span<Measurement> measured) {
-  session.Encode(scenes, std::span(encodings_).first(examples.size()));
-  for (size_t i = 0; i < examples.size(); ++i) {
-    const v1::Scenario& recording = context_.recordings[static_cast<size_t>(examples[i].recording)];
-    const v1::Agent& agent = *scene::FindAgent(recording, examples[i].target_id);
-    const Truth truth =
-        TruthOf(examples[i], agent, MotionAt(agent, examples[i].time).speed(), context_);
+  session.Encode(scenes, std::span(encodings_).first(scenes.size()));
+  for (size_t i = 0; i < scenes.size(); ++i) {
+    const ExampleTruth& truth = truths[i];
     const Eigen::VectorXd& probabilities = encodings_[i].probabilities;
     const std::vector<ActionDistribution> distributions =
         model.Describe(encodings_[i], &anchor_scratch_);
@@ -224,12 +239,11 @@ void Measurer::MeasureAnchors(std::span<const inference::SceneInputsView> scenes
   }
 }
 
-Measurement Measurer::MeasureOne(const data::Example& example,
+Measurement Measurer::MeasureOne(const data::Example& example, const ExampleTruth& truth,
                                  const inference::SceneEncoding& encoding) {
   const v1::Scenario& recording = context_.recordings[static_cast<size_t>(example.recording)];
-  const v1::Agent& agent = *scene::FindAgent(recording, example.target_id);
-  const Motion motion = MotionAt(agent, example.time);
-  const Truth truth = TruthOf(example, agent, motion.speed(), context_);
+  const v1::Agent& agent = truth.agent;
+  const Motion& motion = truth.motion;
 
   Measurement measured;
   const std::vector<ActionDistribution> posterior =
@@ -237,8 +251,8 @@ Measurement Measurer::MeasureOne(const data::Example& example,
   const std::vector<int> ranked = Ranked(encoding.probabilities);
   const RankedMeans means = MeansOf(posterior, encoding.probabilities, ranked);
   measured.prior = MeasurePrior(encoding, ranked, measured.action, truth.trajectory);
-  const RankedMeans cover =
-      CoverOf(posterior, encoding.probabilities, context_.waypoint_times.front());
+  const RankedMeans cover = CoverOf(posterior, encoding.probabilities,
+                                    artifact::WaypointInterval(context_.model.spec().trajectory()));
   for (size_t i = 0; i < kRanks.size(); ++i) {
     measured.waymo[i] = WaymoErrorsOf(means.trajectories, kRanks[i], truth, context_);
     measured.cover[i] =

@@ -102,6 +102,9 @@ struct MeasuringContext {
   const inference::AnchorBaselines* baselines;
 };
 
+// What an example's target really did. Defined where it is used.
+struct ExampleTruth;
+
 // One thread's worker: a session and its scratch memory.
 class Measurer {
  public:
@@ -115,12 +118,14 @@ class Measurer {
 
  private:
   // Measures one baseline on the scenes read last, and writes the results to a field of `measured`.
+  //   truths: one per scene
   void MeasureAnchors(std::span<const inference::SceneInputsView> scenes,
-                      std::span<const data::Example> examples, const inference::AnchorModel& model,
+                      std::span<const ExampleTruth> truths, const inference::AnchorModel& model,
                       inference::InferenceSession& session,
                       std::optional<AnchorMeasurement> Measurement::*field,
                       std::span<Measurement> measured);
-  Measurement MeasureOne(const data::Example& example, const inference::SceneEncoding& encoding);
+  Measurement MeasureOne(const data::Example& example, const ExampleTruth& truth,
+                         const inference::SceneEncoding& encoding);
   SourceMeasurement MeasurePrior(const inference::SceneEncoding& encoding,
                                  std::span<const int> ranked, int action, const Trajectory& truth);
 

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <iterator>
 
+#include "model/evaluation/gaussian_shares.h"
+
 namespace maneuver::evaluation {
 namespace {
 
@@ -14,10 +16,6 @@ struct MetricRow {
   Better better;
   double ideal = 0.0;
 };
-
-// A Gaussian in the plane within 1 and 2 sigma: 1 - exp(-1/2), 1 - exp(-2).
-constexpr double kWithinOneSigma = 0.393469340287366576;
-constexpr double kWithinTwoSigma = 0.864664716763387308;
 
 // The metrics in the order of lists. Names are without "_6" (best of six), "_prior" (generic
 // distributions) and the marks of baselines.
@@ -49,8 +47,8 @@ constexpr MetricRow kMetrics[] = {
     {"nll", "nats", Better::kLower},
     {"nll_joint", "nats", Better::kLower},
     {"nll_action", "nats", Better::kLower},
-    {"coverage_1sigma", "share", Better::kNearer, kWithinOneSigma},
-    {"coverage_2sigma", "share", Better::kNearer, kWithinTwoSigma},
+    {"coverage_1sigma", "share", Better::kNearer, kGaussianOneSigma},
+    {"coverage_2sigma", "share", Better::kNearer, kGaussianTwoSigma},
     // From the latent's covariance alone, which is only a part of the whole, so none is better.
     {"coverage_1sigma_latent", "share", Better::kNone},
     {"coverage_2sigma_latent", "share", Better::kNone},

@@ -123,10 +123,4 @@ v1::EvaluationReport ReportSums::MakeReport() const {
   return report;
 }
 
-v1::EvaluationReport MakeReport(std::span<const Measurement> measured, bool measured_by_waymo) {
-  ReportSums sums(measured_by_waymo);
-  for (const Measurement& each : measured) sums.Add(each);
-  return sums.MakeReport();
-}
-
 }  // namespace maneuver::evaluation

@@ -52,9 +52,6 @@ class ReportSums {
   InputRanges input_ranges_;
 };
 
-// Makes a report of at least one measurement that is in memory.
-v1::EvaluationReport MakeReport(std::span<const Measurement> measured, bool measured_by_waymo);
-
 }  // namespace maneuver::evaluation
 
 #endif  // MANEUVER_MODEL_EVALUATION_REPORT_H_

@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/string_view.h"
+#include "model/evaluation/gaussian_shares.h"
 #include "model/evaluation/rival_text.h"
 #include "model/evaluation/text_block.h"
 
@@ -169,12 +170,10 @@ Block Envelope(Reader& read) {
       block.Add(label, {model, read.Read(name + "_prior", Share), Share(gaussian)});
     }
   };
-  constexpr double kOneSigma = 0.393469;  // 1 - exp(-1/2): of a Gaussian in the plane
-  constexpr double kTwoSigma = 0.864665;  // 1 - exp(-2)
-  coverage("holds the truth, 1 sigma", "coverage_1sigma", kOneSigma);
-  coverage("holds the truth, 2 sigma", "coverage_2sigma", kTwoSigma);
-  coverage("latent alone, 1 sigma", "coverage_1sigma_latent", kOneSigma);
-  coverage("latent alone, 2 sigma", "coverage_2sigma_latent", kTwoSigma);
+  coverage("holds the truth, 1 sigma", "coverage_1sigma", kGaussianOneSigma);
+  coverage("holds the truth, 2 sigma", "coverage_2sigma", kGaussianTwoSigma);
+  coverage("latent alone, 1 sigma", "coverage_1sigma_latent", kGaussianOneSigma);
+  coverage("latent alone, 2 sigma", "coverage_2sigma_latent", kGaussianTwoSigma);
   read.Row(block, "mean sigma of the latent, m", Hundredths,
            {"mean_sigma_posterior", "mean_sigma_prior"});
   read.Row(block, "  by the generic one", Thousandths, {"mean_sigma_ratio"});

@@ -118,14 +118,4 @@ v1::RivalStandings RivalSums::MakeStandings(const BootstrapOptions& options) con
   return standings;
 }
 
-v1::RivalStandings MakeRivalStandings(const MeasuredExamples& measured,
-                                      const data::RecordingGroups& groups,
-                                      const BootstrapOptions& options) {
-  RivalSums sums(groups, measured.measured_by_waymo);
-  for (size_t i = 0; i < measured.examples.size(); ++i) {
-    sums.Add(static_cast<size_t>(measured.examples[i].recording), measured.measured[i]);
-  }
-  return sums.MakeStandings(options);
-}
-
 }  // namespace maneuver::evaluation

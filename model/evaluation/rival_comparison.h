@@ -70,13 +70,6 @@ class RivalSums {
   std::vector<Division> divisions_;
 };
 
-// Returns the standing of measurements that are in memory.
-//   measured: at least one example.
-//   groups: the groups of the evaluation's recordings, in the same order
-v1::RivalStandings MakeRivalStandings(const MeasuredExamples& measured,
-                                      const data::RecordingGroups& groups,
-                                      const BootstrapOptions& options = {});
-
 }  // namespace maneuver::evaluation
 
 #endif  // MANEUVER_MODEL_EVALUATION_RIVAL_COMPARISON_H_

@@ -61,7 +61,7 @@ const std::array<Stratification, 5>& Stratifications() {
 int AgentsAt(const v1::Scenario& recording, double time, double tolerance) {
   return static_cast<int>(std::count_if(
       recording.agents().begin(), recording.agents().end(), [&](const v1::Agent& agent) {
-        return scene::FindState(agent, time, tolerance, time + tolerance) >= 0;
+        return scene::FindState(agent, time, tolerance, time + scene::kSameTime) >= 0;
       }));
 }
 

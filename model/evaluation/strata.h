@@ -37,7 +37,8 @@ struct Stratification {
 //   type     vehicle, pedestrian, cyclist or other
 const std::array<Stratification, 5>& Stratifications();
 
-// Returns the number of agents of any type that have a state within `tolerance` seconds of `time`.
+// Returns the number of agents of any type that have a state at `time` or at most `tolerance` seconds
+// before it. Ignores later states.
 int AgentsAt(const v1::Scenario& recording, double time, double tolerance);
 
 }  // namespace maneuver::evaluation

@@ -5,11 +5,12 @@
 #include <cmath>
 #include <utility>
 
+#include "model/scene/target_frame.h"
+
 namespace maneuver::evaluation {
 namespace {
 
-constexpr double kStep = 0.5;          // seconds
-constexpr double kSameInstant = 1e-6;  // seconds: horizons are sums of intervals
+constexpr double kStep = 0.5;  // seconds
 
 struct Requirement {
   double time;  // seconds
@@ -29,7 +30,7 @@ double WaymoSpeedScale(double initial_speed) {
 WaymoThresholds ThresholdsAt(double time, double initial_speed) {
   const auto* requirement = std::find_if(
       kRequirements.begin(), kRequirements.end(),
-      [time](const Requirement& each) { return std::abs(each.time - time) < kSameInstant; });
+      [time](const Requirement& each) { return std::abs(each.time - time) < scene::kSameTime; });
   const double scale = WaymoSpeedScale(initial_speed);
   return {scale * requirement->thresholds.lateral, scale * requirement->thresholds.longitudinal};
 }
@@ -37,7 +38,7 @@ WaymoThresholds ThresholdsAt(double time, double initial_speed) {
 WaymoMeasure::WaymoMeasure(std::vector<double> waypoint_times)
     : waypoint_times_(std::move(waypoint_times)) {
   for (const Requirement& requirement : kRequirements) {
-    if (requirement.time > waypoint_times_.back() + kSameInstant) break;
+    if (requirement.time > waypoint_times_.back() + scene::kSameTime) break;
     measured_times_.push_back(requirement.time);
     const auto steps = static_cast<size_t>(std::lround(requirement.time / kStep));
     while (steps_.size() < steps) {
@@ -49,7 +50,7 @@ WaymoMeasure::WaymoMeasure(std::vector<double> waypoint_times)
 
 WaymoMeasure::Place WaymoMeasure::Locate(double time) const {
   const auto after =
-      std::lower_bound(waypoint_times_.begin(), waypoint_times_.end(), time - kSameInstant);
+      std::lower_bound(waypoint_times_.begin(), waypoint_times_.end(), time - scene::kSameTime);
   const int index = static_cast<int>(after - waypoint_times_.begin());
   const double start = index == 0 ? 0.0 : waypoint_times_[static_cast<size_t>(index) - 1];
   return {index - 1, std::min(1.0, (time - start) / (*after - start))};

@@ -19,13 +19,14 @@ inline constexpr int kPlacementEpochs = 3;
 // Number of steps over which the learning rate rises at the start.
 inline constexpr int64_t kWarmUpSteps = 100;
 
-// Returns the number of steps in an epoch of `examples` examples.
+// Returns the number of steps in an epoch of `examples` examples: at least one for two examples.
 inline int64_t StepsOfEpoch(int64_t examples, int64_t batch_size) {
   // Leaves out a last batch of one example, because batch normalisation needs two.
   return examples / batch_size + (examples % batch_size > 1 ? 1 : 0);
 }
 
-// Returns how many of the training examples an epoch uses.
+// Returns how many of the training examples an epoch uses: at least two, if there are two.
+//   settings: valid (artifact::ValidateTrainingSettings)
 inline int64_t EpochExamples(const v1::TrainingSettings& settings, int64_t examples) {
   const int64_t most = settings.examples().max_examples();
   return most > 0 ? std::min(most, examples) : examples;

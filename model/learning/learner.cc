@@ -27,7 +27,7 @@ struct LearningPhase {
 };
 
 constexpr LearningPhase kLatentPhases[] = {{kPretrainPhase, Pretrain, kTrajectoryBatchFactor},
-                                           {kPlacePhase, PlaceMixture},
+                                           {kPlacePhase, ChoosePlacement},
                                            {kMixturePhase, TrainMixture}};
 constexpr LearningPhase kScenePhases[] = {{kJointPhase, TrainJointly, 1},
                                           {kPosteriorPhase, TrainScenarioEncoders, 1},

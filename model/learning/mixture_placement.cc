@@ -18,7 +18,7 @@ constexpr double kReach = 10.0;          // metres
 constexpr double kVelocityWindow = 0.5;  // seconds
 // Variance of a component that starts from few encodings.
 constexpr double kSmallestVariance = 1e-3;
-// Components with fewer encodings take their variance from all.
+// Components with fewer encodings get their share of the variance of all.
 constexpr int64_t kFewEncodings = 10;
 constexpr int kFitIterations = 50;
 
@@ -78,13 +78,22 @@ at::Tensor EvenWeights(int actions) {
   return at::full({actions}, -std::log(static_cast<double>(actions)), at::kFloat);
 }
 
+// A component's share of a variance: 1 / K^(2/D).
+double ShareOfVariance(int64_t actions, int64_t dimensions) {
+  return std::pow(static_cast<double>(actions), -2.0 / static_cast<double>(dimensions));
+}
+
+// The log-variance of a component that its own encodings do not tell. [D]
+at::Tensor SharedLogVariance(const Gaussian& q_z, int64_t actions) {
+  const at::Tensor variance =
+      Moments(q_z).log_variance.exp() * ShareOfVariance(actions, q_z.mean.size(1));
+  return variance.clamp_min(kSmallestVariance).log();
+}
+
 // Components at the means [K, D], of even weight and size.
 PlacedMixture PlacedAt(const at::Tensor& means, const Gaussian& q_z) {
   const int64_t actions = means.size(0);
-  const double share =
-      std::pow(static_cast<double>(actions), -2.0 / static_cast<double>(means.size(1)));
-  const at::Tensor variance = Moments(q_z).log_variance.exp() * share;
-  return {{means, variance.clamp_min(kSmallestVariance).log().expand_as(means).clone()},
+  return {{means, SharedLogVariance(q_z, actions).expand_as(means).clone()},
           EvenWeights(static_cast<int>(actions))};
 }
 
@@ -92,21 +101,20 @@ PlacedMixture PlacedAt(const at::Tensor& means, const Gaussian& q_z) {
 PlacedMixture PlacedByClusters(const std::vector<int>& assignment, const Gaussian& q_z,
                                int actions) {
   const at::Tensor cluster = at::tensor(at::ArrayRef<int>(assignment), at::kLong);
-  const at::Tensor everywhere = Moments(q_z).log_variance.exp() / actions;
+  const at::Tensor shared = SharedLogVariance(q_z, actions);
   PlacedMixture placed{
       {at::zeros({actions, q_z.mean.size(1)}), at::zeros({actions, q_z.mean.size(1)})},
-      EvenWeights(actions)};
+      at::empty({actions}, at::kFloat)};
   for (int k = 0; k < actions; ++k) {
     const at::Tensor members = (cluster == k).nonzero().flatten();
     const int64_t size = members.size(0);
-    if (size == 0) continue;  // fewer different trajectories than actions
+    // An empty cluster weighs as much as one of a single encoding.
+    placed.log_weights[k].fill_(std::log(static_cast<double>(std::max<int64_t>(1, size)) /
+                                         static_cast<double>(assignment.size())));
+    if (size == 0) continue;
     const Gaussian moments = Moments(Rows(q_z, members));
     placed.components.mean[k].copy_(moments.mean);
-    placed.components.log_variance[k].copy_(size < kFewEncodings
-                                                ? everywhere.clamp_min(kSmallestVariance).log()
-                                                : moments.log_variance);
-    placed.log_weights[k].fill_(
-        std::log(static_cast<double>(size) / static_cast<double>(assignment.size())));
+    placed.components.log_variance[k].copy_(size < kFewEncodings ? shared : moments.log_variance);
   }
   placed.log_weights = at::log_softmax(placed.log_weights, 0);
   return placed;
@@ -149,7 +157,7 @@ at::Tensor Centers(const TrajectoryClusters& clusters) {
 }  // namespace
 
 TrajectoryScale ScaleOf(const v1::TrainingSettings& settings) {
-  return {artifact::WaypointTimes(settings.model().trajectory()).front(),
+  return {artifact::WaypointInterval(settings.model().trajectory()),
           settings.optimization().slow_speed()};
 }
 
@@ -186,9 +194,8 @@ PlacedMixture PlaceMixture(v1::MixturePlacement placement, const EncodedExamples
       const at::Tensor extent = q_z.mean.amax(0) - low;
       const at::Tensor means =
           low + extent * at::empty({actions, dimensions}).uniform_(0.0, 1.0, generator);
-      const double share =
-          std::pow(static_cast<double>(actions), -2.0 / static_cast<double>(dimensions));
-      const at::Tensor variance = (extent.square() / 12.0 * share).clamp_min(kSmallestVariance);
+      const at::Tensor variance = (extent.square() / 12.0 * ShareOfVariance(actions, dimensions))
+                                      .clamp_min(kSmallestVariance);
       return {{means, variance.log().expand_as(means).clone()}, EvenWeights(actions)};
     }
     case v1::MIXTURE_PLACEMENT_ENCODED_POINTS:

@@ -45,8 +45,9 @@ at::Tensor ClusterSpace(v1::MixturePlacement placement, const at::Tensor& trajec
 at::Tensor NearestClusters(v1::MixturePlacement placement, const at::Tensor& centers,
                            const at::Tensor& trajectories, const TrajectoryScale& scale);
 
-// Returns a mixture of `actions` components. The same seed gives the same mixture. If there are
-// fewer different trajectories than actions, the components of empty clusters are N(0, I).
+// Returns a mixture of `actions` components. The same seed gives the same mixture. Clusters may be
+// empty, for instance if there are fewer different trajectories than actions. Their components are
+// N(0, I) and weigh as much as a cluster of one example.
 //   TRAJECTORY_CLUSTERS  k-means on the trajectories, in a space that compresses large distances
 //                        and counts lateral ones twice. In plain metres nearly all clusters would
 //                        differ only in the speed of going straight, which q(z|y,s) knows from the
@@ -62,6 +63,7 @@ at::Tensor NearestClusters(v1::MixturePlacement placement, const at::Tensor& cen
 //   ENCODED_SEEDS        means at k-means++ seeds among the encodings
 //   FITTED_MIXTURE       expectation maximisation from these seeds
 // Points and seeds get the variance of all encodings divided by K^(2/D), a component's share of it.
+// So do clusters of fewer than 10 examples.
 PlacedMixture PlaceMixture(v1::MixturePlacement placement, const EncodedExamples& examples,
                            int actions, uint64_t seed);
 

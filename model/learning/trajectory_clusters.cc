@@ -88,12 +88,12 @@ TrajectoryClusters ClusterTrajectories(const TrajectoryRows& trajectories, int c
     TrajectoryClusters attempt;
     attempt.centers = DrawSeeds(trajectories, clusters, random);
     attempt.assignment.resize(static_cast<size_t>(trajectories.rows()));
-    double before = std::numeric_limits<double>::infinity();
+    Assign(trajectories, squared_norms, &attempt, &distances);
     for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
+      const double before = attempt.inertia;
+      MoveCenters(trajectories, &attempt, &distances);
       Assign(trajectories, squared_norms, &attempt, &distances);
       if (before - attempt.inertia <= kConverged * attempt.inertia) break;
-      before = attempt.inertia;
-      MoveCenters(trajectories, &attempt, &distances);
     }
     if (attempt.inertia < best.inertia) best = std::move(attempt);
   }

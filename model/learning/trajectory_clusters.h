@@ -18,9 +18,9 @@ struct TrajectoryClusters {
   double inertia = 0.0;         // sum of squared distances to the assigned centre, square metres
 };
 
-// Runs Lloyd's algorithm from k-means++ seeds `restarts` times and returns the best result. No
-// cluster is empty if there are at least K different trajectories. The result depends only on the
-// seed. Requires N >= K.
+// Runs Lloyd's algorithm from k-means++ seeds `restarts` times and returns the best result. Each
+// trajectory is assigned to its nearest centre. A cluster may be empty; some are if there are fewer
+// than K different trajectories. The result depends only on the seed. Requires N >= K.
 TrajectoryClusters ClusterTrajectories(const TrajectoryRows& trajectories, int clusters,
                                        uint64_t seed, int restarts);
 

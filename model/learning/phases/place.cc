@@ -65,7 +65,7 @@ uint64_t PlacementSeed(uint64_t seed, int placement) {
   return data::MixHash(data::SplitMix64(seed), static_cast<uint64_t>(placement));
 }
 
-absl::Status PlaceMixture(LearningState& state, EpochLoop& loop) {
+absl::Status ChoosePlacement(LearningState& state, EpochLoop& loop) {
   if (state.stopped()) return absl::CancelledError("training was stopped");
   std::vector<int> labels;
   const EncodedExamples examples = EncodeForPlacement(state, &labels);

@@ -15,7 +15,7 @@ inline constexpr char kPlacePhase[] = "place";
 // examples (SpreadExamples). If several placements are tried, keeps the one with the best held-out
 // base bound after a few epochs. Writes no checkpoint: a run that is stopped here places again.
 // Errors are those of EpochLoop::Run.
-absl::Status PlaceMixture(LearningState& state, EpochLoop& loop);
+absl::Status ChoosePlacement(LearningState& state, EpochLoop& loop);
 
 // Returns the seed of a run's placement number `placement`, from 0. The first one has the run's own
 // seed; no other run shares the rest.

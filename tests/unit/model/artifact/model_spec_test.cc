@@ -267,6 +267,11 @@ TEST(ModelSpecTest, CurvesHaveAKnotAboutEvery0Point8SecondsOfAnyHorizon) {
 TEST(ModelSpecTest, WaypointsBeginOneIntervalAfterThePresent) {
   EXPECT_THAT(WaypointTimes(TinySpec().trajectory()),
               Pointwise(DoubleNear(1e-12), {0.1, 0.2, 0.3}));
+  v1::TrajectorySpec spec;
+  spec.set_waypoints(1);
+  spec.mutable_waypoint_interval()->set_nanos(300'000'000);
+  EXPECT_EQ(WaypointInterval(spec), 0.3);
+  EXPECT_EQ(WaypointTimes(spec)[0], 0.3);
 }
 
 }  // namespace

@@ -278,6 +278,7 @@ INSTANTIATE_TEST_SUITE_P(
         Fault{"Speed", "examples { max_speed: inf }", "examples.max_speed"},
         Fault{"Share", "examples { validation_share: 1 }", "examples.validation_share"},
         Fault{"Examples", "examples { max_examples: -1 }", "examples.max_examples"},
+        Fault{"OneExample", "examples { max_examples: 1 }", "examples.max_examples"},
         Fault{"Pretraining", "optimization { pretraining_epochs: -1 }",
               "optimization.pretraining_epochs"},
         Fault{"Mixture", "optimization { mixture_epochs: 10001 }", "optimization.mixture_epochs"},

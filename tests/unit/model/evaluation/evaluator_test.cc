@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <limits>
 #include <memory>
+#include <numbers>
 #include <string>
 #include <utility>
 #include <vector>
@@ -123,6 +124,17 @@ class FakeModel final : public inference::ActionModel {
     v1::SceneVectorsSpec& vectors = *model->manifest_.mutable_spec()->mutable_scene_vectors();
     vectors.set_agent_width(agent_width);
     vectors.set_agent_heads(1);
+    return model;
+  }
+
+  // A model with its waypoints this far apart, seconds.
+  static std::shared_ptr<const FakeModel> WithInterval(int seconds,
+                                                       const Eigen::Vector3d& probabilities) {
+    auto model = std::make_shared<FakeModel>(probabilities);
+    auto& interval =
+        *model->manifest_.mutable_spec()->mutable_trajectory()->mutable_waypoint_interval();
+    interval.set_seconds(seconds);
+    interval.clear_nanos();
     return model;
   }
 
@@ -283,6 +295,34 @@ TEST_F(EvaluatorTest, WaymoMissesAreMeasuredAlongTheRecordedHeading) {
   EXPECT_NEAR(report->metrics().at("miss_rate_waymo_5"), 0.0, 1e-12);
   EXPECT_NEAR(report->metrics().at("miss_rate_waymo_cv"), 1.0, 1e-12);
   EXPECT_NEAR(report->metrics().at("miss_rate_waymo_ctra"), 0.0, 1e-12);
+}
+
+// At 3 s there is no state near, because the track has a gap between the waypoints at 2 s and 4 s.
+// The vehicle moves 1.6 m to its left meanwhile, and the most probable action stays. So the error is
+// 0.8 m at 3 s. That is a hit along the heading, within 2.0 m x 0.5, and a miss across, beyond
+// 1.0 m x 0.5.
+TEST_F(EvaluatorTest, WaymoMissesInAGapAreMeasuredAlongTheCourse) {
+  v1::Scenario recording;
+  recording.set_scenario_id("gap");
+  v1::Agent& vehicle = *recording.add_agents();
+  vehicle.set_id(7);
+  vehicle.set_type(v1::AGENT_TYPE_VEHICLE);
+  vehicle.set_length(4.0);
+  vehicle.set_width(2.0);
+  for (int i = 0; i <= 130; ++i) {
+    if (i > 31 && i < 49) continue;
+    const bool moved = i > 31;
+    v1::AgentState& state = *vehicle.add_states();
+    state.set_time(0.1 * i);
+    state.set_y(moved ? 1.6 : 0.0);
+    state.set_heading(moved ? static_cast<float>(std::numbers::pi / 2.0) : 0.0F);
+  }
+  input_.recordings = {&recording, 1};
+  const auto report = Evaluate(*FakeModel::WithInterval(2, {0.2, 0.2, 0.6}), input_);
+  ASSERT_TRUE(report.ok()) << report.status();
+  EXPECT_EQ(report->examples(), 1);
+  EXPECT_NEAR(report->metrics().at("ade_1"), 1.6 * 5.0 / 6.0, 1e-4);
+  EXPECT_EQ(report->metrics().at("miss_rate_waymo_1"), 0.0);
 }
 
 // The example's action is 1 by q(y|x,s), although p(y|s) prefers 0.

@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "model/evaluation/report.h"
+#include "tests/unit/model/evaluation/report_of.h"
 
 namespace maneuver::evaluation::measured_set_test {
 namespace {
@@ -68,7 +68,7 @@ TEST(MeasuredSetTest, TheMetricsWithoutABlockOfGroupsAreThoseOfTheOtherExamples)
     for (const auto& [block, measured] : all) {
       if (block != left_out) rest.push_back(measured);
     }
-    const v1::EvaluationReport report = MakeReport(rest, false);
+    const v1::EvaluationReport report = ReportOf(rest, false);
     for (const auto& [name, value] : metrics) {
       EXPECT_NEAR(value, report.metrics().at(name), 1e-12) << name << " without " << left_out;
     }

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <string>
 
-#include "model/evaluation/report.h"
+#include "tests/unit/model/evaluation/report_of.h"
 
 namespace maneuver::evaluation::metric_table_test {
 namespace {
@@ -21,7 +21,7 @@ TEST(MetricTableTest, KnowsEachMetricOfAReport) {
   measured.posterior.envelope.mean_sigma = measured.prior.envelope.mean_sigma = 1.0;
   measured.covernet.emplace().probabilities = Eigen::Vector2d(0.5, 0.5);
   measured.multipath = measured.covernet;
-  const v1::EvaluationReport report = MakeReport({&measured, 1}, /*measured_by_waymo=*/true);
+  const v1::EvaluationReport report = ReportOf({&measured, 1}, /*measured_by_waymo=*/true);
   EXPECT_GT(report.metrics_size(), 60);
   for (const auto& [name, _] : report.metrics()) EXPECT_TRUE(FindMetric(name)) << name;
   EXPECT_FALSE(FindMetric("something_new"));

@@ -5,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "tests/unit/model/evaluation/report_of.h"
+
 namespace maneuver::evaluation::report_test {
 namespace {
 
@@ -43,7 +45,7 @@ TEST(ReportTest, MetricsAreMeansUnderTheirNames) {
   measured[0].cover[0].min_ade = 1.25;
   measured[1].cover[2].min_ade = 0.25;
   measured[1].cover[2].missed_argoverse = true;
-  const auto metrics = MakeReport(measured, true).metrics();
+  const auto metrics = ReportOf(measured, true).metrics();
   EXPECT_DOUBLE_EQ(metrics.at("ade_1"), 1.5);
   EXPECT_DOUBLE_EQ(metrics.at("min_ade_5"), 1.0);
   EXPECT_DOUBLE_EQ(metrics.at("min_fde_10"), 2.0);
@@ -86,7 +88,7 @@ TEST(ReportTest, MetricsAreMeansUnderTheirNames) {
 
 TEST(ReportTest, ShortHorizonsHaveNoWaymoMetrics) {
   const std::vector<Measurement> measured = {Example(0, 0.9)};
-  const v1::EvaluationReport report = MakeReport(measured, false);
+  const v1::EvaluationReport report = ReportOf(measured, false);
   for (const auto& [name, _] : report.metrics()) {
     EXPECT_EQ(name.find("waymo"), std::string::npos) << name;
   }
@@ -94,7 +96,7 @@ TEST(ReportTest, ShortHorizonsHaveNoWaymoMetrics) {
 
 TEST(ReportTest, ReliabilityCountsEveryExampleInItsBin) {
   const std::vector<Measurement> measured = {Example(0, 0.92), Example(1, 0.98), Example(0, 0.6)};
-  const v1::EvaluationReport report = MakeReport(measured, true);
+  const v1::EvaluationReport report = ReportOf(measured, true);
   ASSERT_EQ(report.reliability_size(), 10);
   const v1::ReliabilityBin& last = report.reliability(9);
   EXPECT_DOUBLE_EQ(last.lower(), 0.9);
@@ -111,7 +113,7 @@ TEST(ReportTest, StrataPartitionTheExamplesAndAreMeasuredSeparately) {
   measured[1].keys = {.agents = 50, .speed = 7.0, .heading_change = 1.0};
   measured[2].keys = {.agents = 5, .speed = 0.0, .heading_change = 0.0};
   measured[1].posterior.displacement[0].min_ade = 9.0;
-  const v1::EvaluationReport report = MakeReport(measured, true);
+  const v1::EvaluationReport report = ReportOf(measured, true);
   std::map<std::string, int64_t> sizes;
   for (const v1::EvaluationStratum& stratum : report.strata()) {
     sizes[stratum.dimension()] += stratum.examples();
@@ -141,7 +143,7 @@ TEST(ReportTest, NamesActionsByTheirMostFrequentClass) {
   measured[2].keys.kinematic_class = KinematicClass::kLeftTurn;
   measured[1].relative_class = RelativeClass::kBrakes;
   measured[2].relative_class = RelativeClass::kBrakes;
-  const v1::EvaluationReport report = MakeReport(measured, true);
+  const v1::EvaluationReport report = ReportOf(measured, true);
   ASSERT_EQ(report.action_uses_size(), 2);
   EXPECT_EQ(report.action_uses(0).examples(), 3);
   EXPECT_EQ(report.action_uses(0).kinematic_class(), "left_turn");

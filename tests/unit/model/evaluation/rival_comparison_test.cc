@@ -64,6 +64,16 @@ MeasuredExamples Measure() {
   return all;
 }
 
+v1::RivalStandings StandingsOf(const MeasuredExamples& measured,
+                               const data::RecordingGroups& groups,
+                               const BootstrapOptions& options = {}) {
+  RivalSums sums(groups, measured.measured_by_waymo);
+  for (size_t i = 0; i < measured.examples.size(); ++i) {
+    sums.Add(static_cast<size_t>(measured.examples[i].recording), measured.measured[i]);
+  }
+  return sums.MakeStandings(options);
+}
+
 const v1::RivalComparison& Of(const v1::RivalStanding& part, const std::string& rival,
                               const std::string& metric = "ade_1") {
   for (const v1::RivalComparison& each : part.comparisons()) {
@@ -74,7 +84,7 @@ const v1::RivalComparison& Of(const v1::RivalStanding& part, const std::string& 
 }
 
 TEST(RivalComparisonTest, SaysWhereTheModelIsAheadBehindAndUndecided) {
-  const v1::RivalStandings standings = MakeRivalStandings(Measure(), GroupsOf(kRecordings, 1));
+  const v1::RivalStandings standings = StandingsOf(Measure(), GroupsOf(kRecordings, 1));
   EXPECT_EQ(standings.recordings(), kRecordings);
   EXPECT_EQ(standings.groups(), kRecordings);
   EXPECT_EQ(standings.largest_group(), 1);
@@ -111,7 +121,7 @@ TEST(RivalComparisonTest, IntervalsMatchTheDeltaMethodOverGroups) {
   for (const int size : {1, 2}) {
     SCOPED_TRACE(size);
     const v1::RivalStandings standings =
-        MakeRivalStandings(Measure(), GroupsOf(kRecordings, size), {.resamples = 4000});
+        StandingsOf(Measure(), GroupsOf(kRecordings, size), {.resamples = 4000});
     const v1::Estimate& difference = Of(standings.parts(0), "cv").difference();
     double sum = 0.0;
     double examples = 0.0;
@@ -152,7 +162,7 @@ TEST(RivalComparisonTest, AgreesWithCrossValidationOfTheSameExamples) {
   set.Add(all, numbers);
   *run.mutable_held_out() = std::move(set).Build();
   const v1::CrossValidationReport report = MakeCrossValidationReport(whole, {});
-  const v1::RivalStandings standings = MakeRivalStandings(all, groups);
+  const v1::RivalStandings standings = StandingsOf(all, groups);
 
   ASSERT_EQ(report.sets_size(), 1);
   const auto& theirs = report.sets(0).overall().comparisons();
@@ -169,18 +179,18 @@ TEST(RivalComparisonTest, AgreesWithCrossValidationOfTheSameExamples) {
 }
 
 TEST(RivalComparisonTest, FewGroupsDecideNothing) {
-  const v1::RivalStandings five = MakeRivalStandings(Measure(), GroupsOf(kRecordings, 24));
+  const v1::RivalStandings five = StandingsOf(Measure(), GroupsOf(kRecordings, 24));
   EXPECT_EQ(five.groups(), 5);
   EXPECT_LT(Of(five.parts(0), "cv").difference().upper(), 0.0);
   EXPECT_EQ(Of(five.parts(0), "cv").verdict(), v1::RIVAL_VERDICT_UNDECIDED);
-  const v1::RivalStandings six = MakeRivalStandings(Measure(), GroupsOf(kRecordings, 20));
+  const v1::RivalStandings six = StandingsOf(Measure(), GroupsOf(kRecordings, 20));
   EXPECT_EQ(Of(six.parts(0), "cv").verdict(), v1::RIVAL_VERDICT_AHEAD);
 }
 
 TEST(RivalComparisonTest, DoesNotComparePartsWithFewExamples) {
   MeasuredExamples all = Measure();
   all.measured[0].keys.speed = 20.0;
-  const v1::RivalStandings standings = MakeRivalStandings(all, GroupsOf(kRecordings, 1));
+  const v1::RivalStandings standings = StandingsOf(all, GroupsOf(kRecordings, 1));
   const v1::RivalStanding& fastest = standings.parts(3);
   EXPECT_EQ(fastest.name(), ">=15 m/s");
   EXPECT_EQ(fastest.examples(), 1);
@@ -197,7 +207,7 @@ TEST(RivalComparisonTest, ComparesTrainedBaselinesByTheirBestSixToo) {
     anchors.displacement[2].min_fde = 0.5;
     each.multipath = anchors;
   }
-  const v1::RivalStandings standings = MakeRivalStandings(all, GroupsOf(kRecordings, 1));
+  const v1::RivalStandings standings = StandingsOf(all, GroupsOf(kRecordings, 1));
   const v1::RivalStanding& part = standings.parts(0);
   EXPECT_EQ(part.comparisons_size(), 4 * 3 + 7 * 2);
   EXPECT_EQ(Of(part, "covernet", "min_fde_6").rival_metric(), "covernet_min_fde_6");

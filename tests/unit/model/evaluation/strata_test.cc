@@ -54,9 +54,9 @@ TEST(StrataTest, TheTargetsTypeDecidesTheType) {
   EXPECT_EQ(StratumOf(4, {.type = v1::AGENT_TYPE_UNSPECIFIED}), "other");
 }
 
-TEST(StrataTest, CountsAgentsWithAStateAtTheTime) {
+TEST(StrataTest, CountsAgentsWithAStateAtTheTimeOrShortlyBefore) {
   v1::Scenario scenario;
-  for (const double time : {0.0, 1.0, 1.04, 2.0}) {
+  for (const double time : {0.0, 0.96, 1.0 + 1e-9, 1.04, 2.0}) {
     scenario.add_agents()->add_states()->set_time(time);
   }
   EXPECT_EQ(AgentsAt(scenario, 1.0, 0.05), 2);

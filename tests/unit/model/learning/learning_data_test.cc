@@ -338,6 +338,25 @@ TEST(TrajectoryClustersTest, FindsSeparateGroups) {
   EXPECT_EQ(used.size(), static_cast<size_t>(kGroups));
 }
 
+// k-means converges slowly on points that are evenly spread over a line.
+TEST(TrajectoryClustersTest, AssignsEachTrajectoryToItsNearestCentreEvenBeforeItConverges) {
+  constexpr int kPoints = 2000;
+  TrajectoryRows points(kPoints, 2);
+  for (int i = 0; i < kPoints; ++i) {
+    points.row(i) << 100.0F * static_cast<float>(i) / kPoints - 50.0F, 0.0F;
+  }
+  const TrajectoryClusters clusters = ClusterTrajectories(points, 10, 2, 1);
+  double inertia = 0.0;
+  for (int i = 0; i < kPoints; ++i) {
+    const Eigen::VectorXf distances =
+        (clusters.centers.rowwise() - points.row(i)).rowwise().squaredNorm();
+    const float own = distances[clusters.assignment[static_cast<size_t>(i)]];
+    EXPECT_NEAR(own, distances.minCoeff(), 1e-3F) << i;
+    inertia += own;
+  }
+  EXPECT_NEAR(clusters.inertia, inertia, 1e-4 * inertia);
+}
+
 TEST(TrajectoryClustersTest, CentresAreMeansAndInertiaIsTheSumOfSquares) {
   const TrajectoryRows rows = TrajectoryRows::Random(60, 6);
   const TrajectoryClusters clusters = ClusterTrajectories(rows, 5, 2, 2);

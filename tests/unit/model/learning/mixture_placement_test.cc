@@ -282,6 +282,28 @@ TEST(MixturePlacementTest, FewerTrajectoriesThanActionsLeaveTheOtherComponentsAt
   }
 }
 
+// Eight examples go one way and the others stay, so of three clusters one is empty.
+TEST(MixturePlacementTest, SmallClustersTakeTheirShareOfTheVarianceAndEmptyOnesWeighLeast) {
+  at::Generator generator = MakeGenerator(3);
+  EncodedExamples examples{
+      at::zeros({200, 6}),
+      {.waypoint_interval = 1.0},
+      {at::empty({200, 2}).normal_(0.0, 1.0, generator), at::full({200, 2}, std::log(0.01))}};
+  examples.trajectories.slice(0, 0, 8).fill_(10.0);
+  const PlacedMixture placed =
+      PlaceMixture(v1::MIXTURE_PLACEMENT_TRAJECTORY_CLUSTERS, examples, 3, 1);
+  const at::Tensor own = NearestClusters(v1::MIXTURE_PLACEMENT_TRAJECTORY_CLUSTERS, placed.centers,
+                                         examples.trajectories, examples.scale);
+  const auto few = own[0].item<int64_t>(), many = own[8].item<int64_t>();
+  const at::Tensor weights = placed.log_weights.exp();
+  // K^(2/D) is 3.
+  const at::Tensor share = (examples.q_z.mean.var(0, /*unbiased=*/false) + 0.01) / 3.0;
+  EXPECT_LT((placed.components.log_variance[few].exp() - share).abs().max().item<double>(), 1e-4);
+  EXPECT_NEAR(weights[few].item<double>(), 8.0 / 201.0, 1e-6);
+  EXPECT_NEAR(weights[many].item<double>(), 192.0 / 201.0, 1e-6);
+  EXPECT_NEAR(weights[3 - few - many].item<double>(), 1.0 / 201.0, 1e-6);
+}
+
 TEST(MixturePlacementTest, EachTrajectoryIsNearestToTheCentreOfItsGroup) {
   const EncodedExamples examples = FourGroups();
   for (const auto placement :
@@ -381,7 +403,7 @@ TEST(LabelledMixtureTest, LabelledExamplesKeepTheirActionBesideTheClustersOfTheO
   RankGroup alone([] { return false; });
   EpochLoop loop(settings, data, alone, progress);
   ASSERT_TRUE(Pretrain(state, loop).ok());
-  ASSERT_TRUE(PlaceMixture(state, loop).ok());
+  ASSERT_TRUE(ChoosePlacement(state, loop).ok());
   ASSERT_TRUE(state.centers.defined());
   EXPECT_EQ(state.centers.size(0), settings.model().actions() - 1);
   ASSERT_TRUE(TrainMixture(state, loop).ok());

@@ -367,7 +367,7 @@ TEST_F(TrainingTest, PlacesComponentsOnTheEncodingsOfClusters) {
   RankGroup alone([] { return false; });
   Learner learner(settings, data, at::Device(at::kCPU), 1, alone, progress);
   ASSERT_TRUE(Pretrain(learner.state(), learner.loop()).ok());
-  ASSERT_TRUE(PlaceMixture(learner.state(), learner.loop()).ok());
+  ASSERT_TRUE(ChoosePlacement(learner.state(), learner.loop()).ok());
   at::NoGradGuard no_grad;
   Networks& networks = learner.state().networks;
   // Two speeds and three curvatures, straight on among them: each is near the mean trajectory of
