@@ -157,15 +157,6 @@ absl::Status BlockMeasurer::CheckExamples() const {
       "with such agents, longer ones, or a model with a shorter horizon"));
 }
 
-absl::StatusOr<MeasuredExamples> MeasureExamples(const inference::ActionModel& model,
-                                                 const EvaluationInput& input) {
-  BlockMeasurer measurer(model, input);
-  absl::StatusOr<MeasuredExamples> measured = measurer.Measure(input.recordings);
-  if (!measured.ok()) return measured;
-  if (absl::Status status = measurer.CheckExamples(); !status.ok()) return status;
-  return measured;
-}
-
 absl::StatusOr<v1::EvaluationReport> Evaluate(const inference::ActionModel& model,
                                               const EvaluationInput& input) {
   if (absl::Status status = CheckBaselines(model, input); !status.ok()) return status;

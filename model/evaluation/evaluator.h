@@ -117,10 +117,6 @@ struct EvaluationInput {
 absl::StatusOr<v1::EvaluationReport> Evaluate(const inference::ActionModel& model,
                                               const EvaluationInput& input);
 
-// Measures the examples of `input.recordings` without averaging them. Errors: those of Evaluate.
-absl::StatusOr<MeasuredExamples> MeasureExamples(const inference::ActionModel& model,
-                                                 const EvaluationInput& input);
-
 // Measures a model block by block. Not thread-safe.
 class BlockMeasurer {
  public:

@@ -19,7 +19,7 @@ SceneCovariance::SceneCovariance(const v1::ModelSpec& spec, const artifact::Tens
                    weights.at("scene_covariance.speed_factor").values.data())
                    .cast<double>()) {
   const std::vector<double> times = artifact::WaypointTimes(spec.trajectory());
-  waypoint_interval_ = times.front();
+  waypoint_interval_ = artifact::WaypointInterval(spec.trajectory());
   const double horizon = times.back();
   terms_.resize(static_cast<Eigen::Index>(times.size()), kStddevTerms);
   for (size_t t = 0; t < times.size(); ++t) {

@@ -198,12 +198,6 @@ class Calibration {
   Predictions held_out_;
 };
 
-int64_t Batches(int64_t examples, int64_t size) { return (examples + size - 1) / size; }
-
-PlannedSteps& StepsOfKind(CalibrationPlan& plan, CalibrationStep kind) {
-  return plan[static_cast<size_t>(kind)];
-}
-
 }  // namespace
 
 double FitTemperature(const at::Tensor& log_probabilities, const at::Tensor& log_responsibilities) {
@@ -278,8 +272,8 @@ absl::Status RecalibrateModel(Networks& networks, const SceneSource& examples, i
 
 CalibrationPlan PlanRecalibration(const v1::ModelSpec& spec, int64_t examples) {
   CalibrationPlan plan;
-  StepsOfKind(plan, CalibrationStep::kEncode) = {Batches(examples, kEncodedBatch), kEncodedBatch};
-  StepsOfKind(plan, CalibrationStep::kPredict) = {Batches(examples, kPredictedBatch),
+  StepsOfKind(plan, CalibrationStep::kEncode) = {BatchesOf(examples, kEncodedBatch), kEncodedBatch};
+  StepsOfKind(plan, CalibrationStep::kPredict) = {BatchesOf(examples, kPredictedBatch),
                                                   kPredictedBatch};
   if (spec.has_scene_covariance()) {
     StepsOfKind(plan, CalibrationStep::kFit) = SpeedFactorSteps(examples);
@@ -297,13 +291,13 @@ CalibrationPlan PlanCalibration(const v1::TrainingSettings& settings,
   const int64_t times = has_held_out && FitsLatent(spec, optimization) ? 2 : 1;
   CalibrationPlan plan;
   StepsOfKind(plan, CalibrationStep::kEncode) = {
-      Batches(examples.training, kEncodedBatch) + Batches(examples.held_out, kEncodedBatch),
+      BatchesOf(examples.training, kEncodedBatch) + BatchesOf(examples.held_out, kEncodedBatch),
       kEncodedBatch};
   PlannedSteps& predict = StepsOfKind(plan, CalibrationStep::kPredict);
   predict.examples = kPredictedBatch;
-  if (has_held_out) predict.count += times * Batches(examples.held_out, kPredictedBatch);
+  if (has_held_out) predict.count += times * BatchesOf(examples.held_out, kPredictedBatch);
   if (FitsToTraining(spec, optimization)) {
-    predict.count += times * Batches(examples.training, kPredictedBatch);
+    predict.count += times * BatchesOf(examples.training, kPredictedBatch);
     PlannedSteps& fit = StepsOfKind(plan, CalibrationStep::kFit);
     fit = spec.has_decoder_covariance() ? CovarianceNetworkSteps(examples.training)
                                         : DecoderCovarianceSteps(examples.training);

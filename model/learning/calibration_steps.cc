@@ -8,10 +8,6 @@ constexpr double kPredictCost = 3.0;
 constexpr double kFitCost = 1.0 / 150.0;           // of an example
 constexpr double kScaleCost = 4.0 / 25.0 / 150.0;  // of an example, under 4 of 25 actions
 
-const PlannedSteps& StepsOfKind(const CalibrationPlan& plan, CalibrationStep kind) {
-  return plan[static_cast<size_t>(kind)];
-}
-
 }  // namespace
 
 TrainingProgress::Phase CalibrationPhase(const std::string& name, const CalibrationPlan& plan,

@@ -33,6 +33,18 @@ struct PlannedSteps {
 };
 using CalibrationPlan = std::array<PlannedSteps, kCalibrationStepKinds>;
 
+inline PlannedSteps& StepsOfKind(CalibrationPlan& plan, CalibrationStep kind) {
+  return plan[static_cast<size_t>(kind)];
+}
+inline const PlannedSteps& StepsOfKind(const CalibrationPlan& plan, CalibrationStep kind) {
+  return plan[static_cast<size_t>(kind)];
+}
+
+// Returns the number of batches that contain all examples. The last one may be smaller.
+inline int64_t BatchesOf(int64_t examples, int64_t batch_size) {
+  return (examples + batch_size - 1) / batch_size;
+}
+
 // Returns the phase of a run that takes these steps.
 //   encode_cost: cost of encoding a batch; the other kinds get about what they take beside it
 TrainingProgress::Phase CalibrationPhase(const std::string& name, const CalibrationPlan& plan,

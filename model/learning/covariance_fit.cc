@@ -145,7 +145,7 @@ at::Tensor FitDecoderCovariance(const Predictions& predictions, at::Generator& g
   at::Tensor factor = FactorOf(ResidualCovariance(predictions)).detach().contiguous();
   factor.set_requires_grad(true);
   const int64_t examples = predictions.trajectories.size(0);
-  const int64_t batches = (examples + kFitBatch - 1) / kFitBatch;
+  const int64_t batches = BatchesOf(examples, kFitBatch);
   AdamW optimizer;
   optimizer.Add({factor}, kFitRate, 0.0);
   for (int64_t step = 0; step < kFitPasses * batches; ++step) {
@@ -162,7 +162,7 @@ at::Tensor FitDecoderCovariance(const Predictions& predictions, at::Generator& g
 }
 
 PlannedSteps DecoderCovarianceSteps(int64_t examples) {
-  return {kFitPasses * ((examples + kFitBatch - 1) / kFitBatch), std::min(examples, kFitBatch)};
+  return {kFitPasses * BatchesOf(examples, kFitBatch), std::min(examples, kFitBatch)};
 }
 
 PlannedSteps CovarianceScaleSteps(int64_t examples) { return {kScaleSteps, examples}; }

@@ -38,7 +38,7 @@ void FitCovarianceNetwork(Networks& networks, const Predictions& predictions,
                           const at::Tensor& pooled, at::Generator& generator) {
   BeginAt(networks, pooled);
   const int64_t examples = predictions.trajectories.size(0);
-  const int64_t steps = kNetworkPasses * ((examples + kNetworkBatch - 1) / kNetworkBatch);
+  const int64_t steps = kNetworkPasses * BatchesOf(examples, kNetworkBatch);
   AdamW optimizer;
   optimizer.Add(networks.Parameters(Networks::Part::kDecoderCovariance), kNetworkRate,
                 kNetworkDecay);
@@ -57,8 +57,7 @@ void FitCovarianceNetwork(Networks& networks, const Predictions& predictions,
 }
 
 PlannedSteps CovarianceNetworkSteps(int64_t examples) {
-  return {kNetworkPasses * ((examples + kNetworkBatch - 1) / kNetworkBatch),
-          std::min(examples, kNetworkBatch)};
+  return {kNetworkPasses * BatchesOf(examples, kNetworkBatch), std::min(examples, kNetworkBatch)};
 }
 
 void ScaleCovarianceNetwork(Networks& networks, const at::Tensor& factor) {

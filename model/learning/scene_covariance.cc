@@ -11,10 +11,6 @@ namespace {
 constexpr double kWindow = 0.2;      // seconds to either side
 constexpr double kLeastSpeed = 0.5;  // m/s
 
-double Interval(const v1::ModelSpec& spec) {
-  return artifact::WaypointTimes(spec.trajectory()).front();
-}
-
 // Sums over windows of `half` to either side along dimension 2, clipped at its ends.
 at::Tensor WindowSums(const at::Tensor& values, int64_t half) {
   const int64_t count = values.size(2);
@@ -42,7 +38,8 @@ at::Tensor MeanDirections(const at::Tensor& means, double interval) {
 SplitCovariance PredictSceneCovariance(const Networks& networks, const SceneFeatures& scenes,
                                        const at::Tensor& means, const at::Tensor& references) {
   const at::Tensor absolute = means + references.view({references.size(0), 1, -1, 2});
-  const at::Tensor u = MeanDirections(absolute, Interval(networks.spec()));
+  const at::Tensor u =
+      MeanDirections(absolute, artifact::WaypointInterval(networks.spec().trajectory()));
   const at::Tensor variances = (2.0 * networks.PredictLogStddevs(scenes)).exp();  // [B, K, T, 2]
   const at::Tensor ux = u.select(3, 0), uy = u.select(3, 1);
   const at::Tensor products = at::stack({ux.square(), ux * uy, uy.square()}, 3);
@@ -61,7 +58,7 @@ at::Tensor SceneCovarianceLoss(const Networks& networks, const SceneFeatures& sc
     const at::Tensor means =
         networks.Decode(posterior.mean, networks.MeanResidual(scenes)).unflatten(2, {-1, 2});
     const at::Tensor u = MeanDirections(means + references.view({references.size(0), 1, -1, 2}),
-                                        Interval(networks.spec()));
+                                        artifact::WaypointInterval(networks.spec().trajectory()));
     const at::Tensor e = trajectories.view({trajectories.size(0), 1, -1, 2}) - means;
     const at::Tensor along = (e * u).sum(3);
     const at::Tensor across = e.select(3, 1) * u.select(3, 0) - e.select(3, 0) * u.select(3, 1);

@@ -16,7 +16,7 @@ namespace maneuver::learning {
 at::Tensor MeanDirections(const at::Tensor& means, double interval);
 
 // The covariance in two parts, without the speed factors: sigma_along^2 u u^T and sigma_across^2 n
-// n^T, where u is the direction of the mean and n its left normal.
+// n^T, where u is the direction of `means` and n its left normal.
 struct SplitCovariance {
   at::Tensor along;   // [B, K, T, 3] xx, xy, yy, square metres
   at::Tensor across;  // [B, K, T, 3] xx, xy, yy, square metres
@@ -30,8 +30,11 @@ SplitCovariance PredictSceneCovariance(const Networks& networks, const SceneFeat
 // Returns the loss of the covariance networks for each example, [B], nats per waypoint and
 // direction:
 //   sum_y q(y|x,s) mean_t sum_d (e_d^2 / (2 sigma_d^2) + ln sigma_d)
-// Here e is the error of the mean of q(z|y,s), in the directions d along and across it. Only the
-// covariance gets a gradient.
+// Here e = x - m is the error of m, the trajectory that the mean of q(z|y,s) decodes to, with its
+// residual. The directions d are those along and across r + m. Predictions for calibration
+// (predictions.h) and the engine (inference/action_model.h) use the directions of r plus the mean
+// of the decoded sigma points instead. The two means differ as far as the decoder is not linear.
+// Only the covariance gets a gradient.
 //   trajectories: relative to the reference, [B, 2T] metres
 at::Tensor SceneCovarianceLoss(const Networks& networks, const SceneFeatures& scenes,
                                const at::Tensor& trajectories, const at::Tensor& references);

@@ -3,7 +3,6 @@
 #ifndef MANEUVER_MODEL_LEARNING_SCENE_LOADER_H_
 #define MANEUVER_MODEL_LEARNING_SCENE_LOADER_H_
 
-#include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <optional>

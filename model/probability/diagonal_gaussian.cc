@@ -10,13 +10,6 @@ const double kLogTwoPi = std::log(2.0 * std::numbers::pi);
 
 }  // namespace
 
-double LogDensity(const DiagonalGaussian& p, const Eigen::VectorXd& z) {
-  const auto squared_error = (z - p.mean).array().square();
-  return -0.5 *
-         (kLogTwoPi + p.log_variance.array() + squared_error * (-p.log_variance.array()).exp())
-             .sum();
-}
-
 double Entropy(const DiagonalGaussian& q) {
   return 0.5 * (kLogTwoPi + 1.0 + q.log_variance.array()).sum();
 }

@@ -15,9 +15,6 @@ struct DiagonalGaussian {
   Eigen::VectorXd stddev() const { return (0.5 * log_variance.array()).exp(); }
 };
 
-// Returns ln p(z).
-double LogDensity(const DiagonalGaussian& p, const Eigen::VectorXd& z);
-
 // Returns H(q) = -E_q ln q(z).
 double Entropy(const DiagonalGaussian& q);
 

@@ -19,11 +19,4 @@ Eigen::VectorXd Softmax(const Eigen::VectorXd& values) {
   return shares / shares.sum();
 }
 
-double LogDensity(const LatentMixture& mixture, const Eigen::VectorXd& z) {
-  Eigen::VectorXd log_joint = mixture.log_weight;
-  for (int k = 0; k < mixture.components(); ++k)
-    log_joint[k] += LogDensity(mixture.Component(k), z);
-  return LogSumExp(log_joint);
-}
-
 }  // namespace maneuver::probability

@@ -30,9 +30,6 @@ struct LatentMixture {
   DiagonalGaussian Component(int k) const { return {mean.row(k), log_variance.row(k)}; }
 };
 
-// Returns ln p(z) = ln sum_y p(y) p(z|y).
-double LogDensity(const LatentMixture& mixture, const Eigen::VectorXd& z);
-
 }  // namespace maneuver::probability
 
 #endif  // MANEUVER_MODEL_PROBABILITY_LATENT_MIXTURE_H_

@@ -29,18 +29,17 @@ constexpr char kCalibrations[][20] = {"calibrate covernet", "calibrate multipath
 // Returns the steps of the calibration of a baseline.
 CalibrationPlan PlanAnchorCalibration(const v1::TrainingSettings& settings, bool regresses,
                                       const CalibrationExamples& examples) {
-  const auto batches = [](int64_t count) { return (count + kEncodedBatch - 1) / kEncodedBatch; };
   const bool has_held_out = examples.held_out >= kFewestHeldOut;
   const bool twice = has_held_out && settings.optimization().calibrate_probabilities();
   CalibrationPlan plan;
-  PlannedSteps& encode = plan[static_cast<size_t>(CalibrationStep::kEncode)];
-  encode = {(twice ? 2 : 1) * batches(examples.held_out), kEncodedBatch};
+  PlannedSteps& encode = StepsOfKind(plan, CalibrationStep::kEncode);
+  encode = {(twice ? 2 : 1) * BatchesOf(examples.held_out, kEncodedBatch), kEncodedBatch};
   if (has_held_out) {
-    plan[static_cast<size_t>(CalibrationStep::kScale)] = CovarianceScaleSteps(examples.held_out);
+    StepsOfKind(plan, CalibrationStep::kScale) = CovarianceScaleSteps(examples.held_out);
   }
   if (!regresses) {
-    encode.count += batches(examples.training);
-    plan[static_cast<size_t>(CalibrationStep::kFit)] = DecoderCovarianceSteps(examples.training);
+    encode.count += BatchesOf(examples.training, kEncodedBatch);
+    StepsOfKind(plan, CalibrationStep::kFit) = DecoderCovarianceSteps(examples.training);
   }
   return plan;
 }

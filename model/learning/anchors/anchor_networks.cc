@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <utility>
 
 #include "model/artifact/anchor_baselines.h"
 #include "model/artifact/model_spec.h"
+#include "model/learning/moments.h"
 #include "model/learning/trajectory_clusters.h"
 
 namespace maneuver::learning {
@@ -31,11 +31,10 @@ artifact::Tensor Copy(const at::Tensor& tensor) {
           {values.data_ptr<float>(), values.data_ptr<float>() + values.numel()}};
 }
 
-// [B, K, T, n] -> [B, T, n] of each example's own anchor.
+// [B, K, T, n] -> [B, 1, T, n] of each example's own anchor.
 at::Tensor OfAnchor(const at::Tensor& values, const at::Tensor& nearest) {
-  return values
-      .gather(1, nearest.view({-1, 1, 1, 1}).expand({-1, 1, values.size(2), values.size(3)}))
-      .squeeze(1);
+  return values.gather(1,
+                       nearest.view({-1, 1, 1, 1}).expand({-1, 1, values.size(2), values.size(3)}));
 }
 
 }  // namespace
@@ -77,20 +76,11 @@ at::Tensor ClassifierLoss(const AnchorPredictions& predictions, const at::Tensor
 
 at::Tensor MultiPathLoss(const AnchorPredictions& predictions, const at::Tensor& nearest,
                          const at::Tensor& trajectories) {
-  const at::Tensor error = trajectories.view({trajectories.size(0), -1, 2}) -
-                           OfAnchor(predictions.mean, nearest);  // [B, T, 2]
-  const at::Tensor covariance = OfAnchor(predictions.covariance, nearest);
-  const at::Tensor dx = error.select(2, 0);
-  const at::Tensor dy = error.select(2, 1);
-  const at::Tensor xx = covariance.select(2, 0);
-  const at::Tensor xy = covariance.select(2, 1);
-  const at::Tensor yy = covariance.select(2, 2);
-  const at::Tensor determinant = xx * yy - xy.square();
-  const at::Tensor distance =
-      (yy * dx.square() - 2.0 * xy * dx * dy + xx * dy.square()) / determinant;
-  const at::Tensor nll =
-      0.5 * (distance + determinant.log()) + std::log(2.0 * std::numbers::pi);  // [B, T]
-  return ClassifierLoss(predictions, nearest) + nll.sum(1);
+  const at::Tensor log_densities =
+      WaypointLogDensities(OfAnchor(predictions.mean, nearest),
+                           OfAnchor(predictions.covariance, nearest), trajectories)
+          .squeeze(1);  // [B, T]
+  return ClassifierLoss(predictions, nearest) - log_densities.sum(1);
 }
 
 at::Tensor AnchorCovariance(const at::Tensor& numbers) {

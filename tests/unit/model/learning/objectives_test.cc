@@ -15,6 +15,7 @@
 #include "model/learning/networks.h"
 #include "model/probability/diagonal_gaussian.h"
 #include "model/probability/responsibilities.h"
+#include "tests/unit/model/probability/log_density.h"
 
 namespace maneuver::learning::objectives_test {
 namespace {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "model/probability/sigma_points.h"
+#include "tests/unit/model/probability/log_density.h"
 #include "tests/unit/model/probability/quadrature.h"
 
 namespace maneuver::probability::responsibilities_test {

@@ -67,7 +67,7 @@ TEST(TaggerTest, AWindowHasWhatTheEvaluatorMeasures) {
   evaluation::EvaluationInput input;
   input.recordings = recordings;
   input.examples = settings;
-  const auto measured = evaluation::MeasureExamples(*model, input);
+  const auto measured = evaluation::BlockMeasurer(*model, input).Measure(recordings);
   ASSERT_TRUE(measured.ok()) << measured.status();
   ASSERT_EQ(rows.size(), measured->examples.size());
   std::vector<size_t> order(rows.size());
