@@ -60,7 +60,7 @@ class Target:
             i -= 1
         rows = np.array(rows[::-1]).T
         past = np.array([np.interp(TIMES, rows[0], row) for row in rows[1:]])
-        # Before the first state it had moved as in that state, and after the last one likewise.
+        # It keeps the velocity of its first state before that state, and of its last one after it.
         missing, since = np.minimum(TIMES - rows[0, 0], 0.0), np.maximum(TIMES - rows[0, -1], 0.0)
         past[0] += missing * rows[4, 0] + since * rows[4, -1] - self.pose[0]
         past[1] += missing * rows[5, 0] + since * rows[5, -1] - self.pose[1]

@@ -60,15 +60,19 @@ class SilentOutcomes final : public v1::OutcomeService::Service {
   }
 };
 
+std::unique_ptr<grpc::Server> Serve(Models& models, grpc::Service& other, int* port) {
+  return grpc::ServerBuilder()
+      .AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), port)
+      .RegisterService(&models)
+      .RegisterService(&other)
+      .BuildAndStart();
+}
+
 TEST(OutcomesCommandTest, CtrlCEndsTheWaitForAnAnswer) {
   Models models;
   SilentOutcomes outcomes;
   int port = 0;
-  const auto server = grpc::ServerBuilder()
-                          .AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port)
-                          .RegisterService(&models)
-                          .RegisterService(&outcomes)
-                          .BuildAndStart();
+  const auto server = Serve(models, outcomes, &port);
   std::signal(SIGINT, SIG_DFL);  // whatever the shell has set
   const Result result =
       Maneuver({"--server", "127.0.0.1:" + std::to_string(port), "--timeout", "20", "outcomes",
@@ -83,11 +87,7 @@ TEST(OutcomesCommandTest, ADatasetOfTheServerPrecedesAFolderOfThatPath) {
   Models models;
   Datasets datasets;
   int port = 0;
-  const auto server = grpc::ServerBuilder()
-                          .AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port)
-                          .RegisterService(&models)
-                          .RegisterService(&datasets)
-                          .BuildAndStart();
+  const auto server = Serve(models, datasets, &port);
   const TemporaryFolder folder;
   std::filesystem::create_directory(folder / "datasets");
   auto writer = data::DatasetWriter::Create(folder / "datasets/town", "a test");
@@ -108,11 +108,7 @@ TEST(OutcomesCommandTest, AMistypedFileIsNoDatasetOfTheServer) {
   Models models;
   Datasets datasets;
   int port = 0;
-  const auto server = grpc::ServerBuilder()
-                          .AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port)
-                          .RegisterService(&models)
-                          .RegisterService(&datasets)
-                          .BuildAndStart();
+  const auto server = Serve(models, datasets, &port);
   const Result result = Maneuver({"--server", "127.0.0.1:" + std::to_string(port), "outcomes",
                                   "report", "nowhere/scene.json", "--model", "town"});
   EXPECT_EQ(result.status, kFailed);
