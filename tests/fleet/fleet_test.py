@@ -51,6 +51,10 @@ def datasets():
     return [f"d{i}" for i in range(DATASETS)]
 
 
+def each_dataset():
+    return [word for name in datasets() for word in ("--dataset", name)]
+
+
 def contents(tags):
     """Every file of a folder, hidden ones too."""
     return {path.name: path.read_bytes() for path in (folder / tags).iterdir()}
@@ -306,7 +310,7 @@ class FindTest(unittest.TestCase):
         self.assertGreater(sizes[2], sizes[0], "a panel for each speed")
 
     def test_a_dataset_of_the_surprising_has_no_near_duplicates(self):
-        run("find", "tags", "--surprise", "top:12", "--as-dataset", "mined", "--dataset", *datasets())
+        run("find", "tags", "--surprise", "top:12", "--as-dataset", "mined", *each_dataset())
         described = json.loads(run("--output", "json", "dataset", "show", "./mined").stdout)
         answer = find("tags", "--surprise", "top:12", "--distinct")["matches"]
         self.assertEqual(described["dataset"]["recordings"], str(len({row["scene"] for row in answer})))
@@ -325,7 +329,7 @@ class FindTest(unittest.TestCase):
 
     def test_scenes_are_extracted_and_drawn(self):
         answer = find("tags", "--surprise", "top:3")["matches"]
-        run("find", "tags", "--surprise", "top:3", "--dataset", *datasets(), "--extract", "scenes",
+        run("find", "tags", "--surprise", "top:3", *each_dataset(), "--extract", "scenes",
             "--plot", "found.png")
         scenes = [json.loads(path.read_text()) for path in sorted((folder / "scenes").iterdir())]
         self.assertEqual([(scene["scenarioId"], scene["targetIds"], scene["predictionTime"]) for scene in scenes],

@@ -302,8 +302,9 @@ TEST(SceneBoundTest, TheGradientOfTheWholeLossIsThatOfFiniteDifferences) {
   ASSERT_TRUE(settings.model().mean_residual());
   optimization.set_action_weight(1.0);
   optimization.set_posterior_divergence_weight(1.0);
-  // With these weights the loss bends little: no difference is beyond two thirds of its tolerance.
-  at::Generator generator = MakeGenerator(4);
+  // With these weights the loss bends little: no ReLU changes its side close by, and no difference is
+  // beyond two thirds of its tolerance. With other seeds of the weights one does.
+  at::Generator generator = MakeGenerator(11);
   Networks networks(settings.model(), at::Device(at::kCPU), generator);
   const SceneLoader::Batch batch = ArcBatch(settings);
   const auto loss = [&] {
