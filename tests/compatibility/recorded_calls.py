@@ -6,7 +6,7 @@
 
 `record` starts the server of an earlier build on the data folder in tests/compatibility/RELEASE, runs COMMANDS by the
 command of that build, and writes to RELEASE/calls.json what went over the wire and what was printed. There is no release
-yet: 2026-11 is of commit 8306a461. CONTRIBUTING.md says which methods are not recorded.
+yet: 2026-11 is of commit 8306a461. docs/reports/compatibility.md says which methods are not recorded.
 
 `check` holds this build against each recording:
 
