@@ -55,8 +55,10 @@ class FileStore final : public SqliteStore {
     sqlite3_busy_timeout(database_, kBusyTimeoutMs);
     // Not locked against readers: a back-up copies it while the server runs. A second server is
     // kept off by the lock of the data folder.
-    for (const char* pragma :
-         {"PRAGMA journal_mode = WAL", "PRAGMA synchronous = FULL", "PRAGMA foreign_keys = ON"}) {
+    // Each change goes into the file right after it is in the journal. Otherwise damage to one of the
+    // journal's changes would silently undo it and those after it when the server starts again.
+    for (const char* pragma : {"PRAGMA journal_mode = WAL", "PRAGMA wal_autocheckpoint = 1",
+                               "PRAGMA synchronous = FULL", "PRAGMA foreign_keys = ON"}) {
       if (absl::Status status = Execute(database_, pragma); !status.ok()) return status;
     }
     if (absl::Status status = CheckIntegrity(); !status.ok()) return status;

@@ -178,27 +178,45 @@ absl::StatusOr<std::string> ReadStore(const fs::path& folder) {
   return all;
 }
 
-void WriteStore(const fs::path& file) {
-  const auto store = store::SqliteStore::Open(file);
-  ASSERT_TRUE(store.ok()) << store.status();
-  ASSERT_TRUE((*store)->Add(JobInState("first", v1::JOB_STATE_PENDING), "request", "digest").ok());
-  ASSERT_TRUE((*store)->Add(JobInState("second", v1::JOB_STATE_PENDING), "", "").ok());
-  const auto claimed = (*store)->Claim([](v1::Job&) {});
+void FillStore(store::SqliteStore& store) {
+  ASSERT_TRUE(store.Add(JobInState("first", v1::JOB_STATE_PENDING), "request", "digest").ok());
+  ASSERT_TRUE(store.Add(JobInState("second", v1::JOB_STATE_PENDING), "", "").ok());
+  const auto claimed = store.Claim([](v1::Job&) {});
   ASSERT_TRUE(claimed.ok() && *claimed) << claimed.status();
   for (int i = 1; i <= 3; ++i) {
     v1::JobProgress progress;
     progress.set_sequence(i);
     progress.set_phase("joint");
-    ASSERT_TRUE((*store)->AddProgress((*claimed)->lease, progress).ok());
+    ASSERT_TRUE(store.AddProgress((*claimed)->lease, progress).ok());
   }
-  ASSERT_TRUE((*store)->SetAlias({"town", "serving"}, 3).ok());
-  ASSERT_TRUE((*store)->SetAlias({"town", "candidate"}, 4).ok());
+  ASSERT_TRUE(store.SetAlias({"town", "serving"}, 3).ok());
+  ASSERT_TRUE(store.SetAlias({"town", "candidate"}, 4).ok());
+}
+
+void WriteStore(const fs::path& file) {
+  const auto store = store::SqliteStore::Open(file);
+  ASSERT_TRUE(store.ok()) << store.status();
+  FillStore(**store);
 }
 
 TEST(CorruptionTest, NoByteOfTheJobStoreIsAlteredInSilence) {
   const TemporaryFolder folder;
   ASSERT_NO_FATAL_FAILURE(WriteStore(folder / "maneuver.db"));
   ExpectNoSilentDamage(folder.path(), ReadStore);
+}
+
+// After a power cut, the store's journal is at rest as well.
+TEST(CorruptionTest, NoByteOfTheJournalOfTheJobStoreIsAlteredInSilence) {
+  const TemporaryFolder running;
+  const auto store = store::SqliteStore::Open(running / "maneuver.db");
+  ASSERT_TRUE(store.ok()) << store.status();
+  ASSERT_NO_FATAL_FAILURE(FillStore(**store));
+  const TemporaryFolder left;
+  for (const char* file : {"maneuver.db", "maneuver.db-wal"}) {
+    fs::copy_file(running / file, left / file);
+  }
+  ASSERT_GT(fs::file_size(left / "maneuver.db-wal"), 0u);
+  ExpectNoSilentDamage(left.path(), ReadStore);
 }
 
 // Returns what a table and its indexes use of their pages: of each page the header with the places of
