@@ -38,9 +38,9 @@ PATIENCE_S = 300
 SETTINGS = {**TINY, "examples": {"max_examples": 40}}
 # Most that a quantity may grow: so much, and this share of its median. Memory settles for minutes: pages that were once
 # freed stay with the allocator of the thread that used them. What is allocated has no such excuse: if it grows, the
-# server leaks; but 24 MiB are kept for outcomes, which take an hour to fill. The journal of the job store grows to 4 MB.
+# server leaks; but 24 MiB are kept for outcomes, which take an hour to fill.
 ALLOWED = {"memory, MB": (32, 0.05), "allocated, MB": (12, 0.05), "descriptors": (4, 0), "threads": (2, 0),
-           "disk, MB": (5, 0.02)}
+           "disk, MB": (2, 0.02)}
 # Threads of gRPC that are not counted: two pools that grow under load, to four threads on two cores, and stay.
 POOLS = ("default-executo", "grpc_global_tim")
 
