@@ -24,6 +24,7 @@
 #include "locks/stop_latch.h"
 #include "model/files/durable_file.h"
 #include "model/kernels/kernel_choice.h"
+#include "model/machine/openmp_spinning.h"
 #include "server/jobs/replica_report.h"
 #include "server/jobs/supervisor.h"
 #include "server/maneuverd/health_command.h"
@@ -294,6 +295,8 @@ int Main(int argc, char** argv) {
   kernels::ChooseKernels(options.kernels);
   // Jobs inherit the choice: maneuver-trainer reads this variable.
   if (kernels::UsesPlainKernels()) setenv("MANEUVER_KERNELS", "plain", /*overwrite=*/1);
+  // Else each job's program would start itself once more, which takes most of a second.
+  machine::ShortenOpenMpSpinning();
   RaiseFileLimit(options.limits.max_connections);
   if (const int most = rpc::AffordableConnections(options.limits.max_connections);
       most < options.limits.max_connections) {

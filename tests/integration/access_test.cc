@@ -16,7 +16,7 @@
 #include "tests/integration/raw_call.h"
 #include "tests/integration/secured_server.h"
 
-namespace maneuver::integration {
+namespace maneuver::integration::access_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -367,4 +367,4 @@ TEST_F(AccessTest, ARateLimitTellsItsCallerWhenToRetryAndSparesOthers) {
 }
 
 }  // namespace
-}  // namespace maneuver::integration
+}  // namespace maneuver::integration::access_test

@@ -21,7 +21,7 @@
 #include "maneuver/v1/training_service.grpc.pb.h"
 #include "tests/integration/trained_server.h"
 
-namespace maneuver::integration {
+namespace maneuver::integration::answers_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -477,4 +477,4 @@ TEST_F(AnswersTest, StopsCleanlyOnSigterm) {
 }
 
 }  // namespace
-}  // namespace maneuver::integration
+}  // namespace maneuver::integration::answers_test

@@ -15,7 +15,7 @@
 #include "maneuver/v1/training_service.pb.h"
 #include "tests/integration/trained_server.h"
 
-namespace maneuver::integration {
+namespace maneuver::integration::cross_validation_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -79,4 +79,4 @@ TEST(CrossValidationTest, MeasuresEachRecordingOnceEvenIfTheServerIsKilled) {
 }
 
 }  // namespace
-}  // namespace maneuver::integration
+}  // namespace maneuver::integration::cross_validation_test

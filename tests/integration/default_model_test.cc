@@ -14,7 +14,7 @@
 #include "client/observed_scenario.h"
 #include "tests/integration/trained_server.h"
 
-namespace maneuver::integration {
+namespace maneuver::integration::default_model_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -136,4 +136,4 @@ TEST_F(DefaultModelTest, RefusesATargetOfATypeThatItHasNotLearned) {
 }
 
 }  // namespace
-}  // namespace maneuver::integration
+}  // namespace maneuver::integration::default_model_test

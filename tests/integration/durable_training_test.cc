@@ -26,7 +26,7 @@
 #include "tests/integration/server_process.h"
 #include "tests/integration/trained_server.h"
 
-namespace maneuver::integration {
+namespace maneuver::integration::durable_training_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -225,4 +225,4 @@ TEST_F(DurableTrainingTest, AServerKilledWhilePublishingMakesOneVersionAndFinish
 }
 
 }  // namespace
-}  // namespace maneuver::integration
+}  // namespace maneuver::integration::durable_training_test

@@ -14,7 +14,7 @@
 #include "tests/integration/all_methods.h"
 #include "tests/integration/server_process.h"
 
-namespace maneuver::integration {
+namespace maneuver::integration::every_method_test {
 namespace {
 
 using google::protobuf::MethodDescriptor;
@@ -66,4 +66,4 @@ TEST(EveryMethodTest, AnswersAnEmptyRequest) {
 }
 
 }  // namespace
-}  // namespace maneuver::integration
+}  // namespace maneuver::integration::every_method_test

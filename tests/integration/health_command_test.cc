@@ -13,7 +13,7 @@
 #include "tests/integration/metrics_page.h"
 #include "tests/integration/secured_server.h"
 
-namespace maneuver::integration {
+namespace maneuver::integration::health_command_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -152,4 +152,4 @@ TEST_F(HealthCommandTest, SendsAClientCertificateIfTheServerRequiresOne) {
 }
 
 }  // namespace
-}  // namespace maneuver::integration
+}  // namespace maneuver::integration::health_command_test

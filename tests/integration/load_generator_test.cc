@@ -16,7 +16,7 @@
 #include "tests/integration/trained_server.h"
 #include "tests/unit/model/inference/reference_model.h"
 
-namespace maneuver::integration {
+namespace maneuver::integration::load_generator_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -240,4 +240,4 @@ TEST_F(LoadGeneratorTest, CtrlCPrintsWhatWasMeasuredSoFar) {
 }
 
 }  // namespace
-}  // namespace maneuver::integration
+}  // namespace maneuver::integration::load_generator_test

@@ -18,7 +18,7 @@
 #include "model/data/waymo/waymo_reader.h"
 #include "tests/integration/trained_server.h"
 
-namespace maneuver::integration {
+namespace maneuver::integration::maps_test {
 namespace {
 
 class MapsTest : public ::testing::Test {
@@ -139,4 +139,4 @@ TEST_F(MapsTest, AnIdleStreamDoesNotDelayTheShutdown) {
 }
 
 }  // namespace
-}  // namespace maneuver::integration
+}  // namespace maneuver::integration::maps_test

@@ -22,7 +22,7 @@
 #include "tests/integration/raw_call.h"
 #include "tests/integration/secured_server.h"
 
-namespace maneuver::integration {
+namespace maneuver::integration::names_test {
 namespace {
 
 using google::protobuf::FieldDescriptor;
@@ -274,4 +274,4 @@ TEST(NamesTest, NoNameInARequestReachesOutsideTheDataFolder) {
 }
 
 }  // namespace
-}  // namespace maneuver::integration
+}  // namespace maneuver::integration::names_test

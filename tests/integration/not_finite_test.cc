@@ -13,7 +13,7 @@
 #include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/model/inference/reference_model.h"
 
-namespace maneuver::integration {
+namespace maneuver::integration::not_finite_test {
 namespace {
 
 // Its weights are finite, but its positions are not.
@@ -59,4 +59,4 @@ TEST(NotFiniteTest, AnEvaluationFailsByNameIfAMetricIsNotFinite) {
 }
 
 }  // namespace
-}  // namespace maneuver::integration
+}  // namespace maneuver::integration::not_finite_test

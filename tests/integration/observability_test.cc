@@ -13,7 +13,7 @@
 #include "tests/integration/metrics_page.h"
 #include "tests/integration/secured_server.h"
 
-namespace maneuver::integration {
+namespace maneuver::integration::observability_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -179,4 +179,4 @@ TEST_F(ObservabilityTest, TheLogContainsNoPayloadsTokensOrPaths) {
 }
 
 }  // namespace
-}  // namespace maneuver::integration
+}  // namespace maneuver::integration::observability_test

@@ -26,7 +26,7 @@
 #include "tests/integration/metrics_page.h"
 #include "tests/integration/trained_server.h"
 
-namespace maneuver::integration {
+namespace maneuver::integration::outcomes_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -399,4 +399,4 @@ TEST_F(OutcomesTest, RefusesReportsThatAreEmptyOrTooLarge) {
 }
 
 }  // namespace
-}  // namespace maneuver::integration
+}  // namespace maneuver::integration::outcomes_test

@@ -16,7 +16,7 @@
 #include "maneuver/v1/training_service.grpc.pb.h"
 #include "tests/integration/trained_server.h"
 
-namespace maneuver::integration {
+namespace maneuver::integration::promotion_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -184,4 +184,4 @@ TEST_F(PromotionTest, ContinuesFromAVersionWithMoreWeightOnNewRecordings) {
 }
 
 }  // namespace
-}  // namespace maneuver::integration
+}  // namespace maneuver::integration::promotion_test

@@ -12,7 +12,7 @@
 
 #include "tests/integration/trained_server.h"
 
-namespace maneuver::integration {
+namespace maneuver::integration::real_scenes_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -71,4 +71,4 @@ TEST(RealScenesTest, ImportUploadTrainAndPredictWithPictures) {
 }
 
 }  // namespace
-}  // namespace maneuver::integration
+}  // namespace maneuver::integration::real_scenes_test

@@ -13,7 +13,7 @@
 #include "model/data/dataset_folder.h"
 #include "tests/integration/trained_server.h"
 
-namespace maneuver::integration {
+namespace maneuver::integration::registration_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -87,4 +87,4 @@ TEST_F(RegistrationTest, FoldersElsewhereAreRefused) {
 }
 
 }  // namespace
-}  // namespace maneuver::integration
+}  // namespace maneuver::integration::registration_test

@@ -22,7 +22,7 @@
 #include "tests/integration/trained_server.h"
 #include "tests/unit/model/inference/reference_model.h"
 
-namespace maneuver::integration {
+namespace maneuver::integration::shadow_test {
 namespace {
 
 // The shadow yields to everything else on the machine, so it may take long.
@@ -170,4 +170,4 @@ TEST_F(ShadowTest, ACandidateThatCannotBeLoadedFailsNoCall) {
 }
 
 }  // namespace
-}  // namespace maneuver::integration
+}  // namespace maneuver::integration::shadow_test

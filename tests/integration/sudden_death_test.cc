@@ -13,7 +13,7 @@
 #include "maneuver/v1/training_service.grpc.pb.h"
 #include "tests/integration/trained_server.h"
 
-namespace maneuver::integration {
+namespace maneuver::integration::sudden_death_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -155,4 +155,4 @@ TEST_F(SuddenDeathTest, CancellingStopsTheTrainerWithinSecondsAndResumingContinu
 }
 
 }  // namespace
-}  // namespace maneuver::integration
+}  // namespace maneuver::integration::sudden_death_test

@@ -20,7 +20,7 @@
 #include "tests/unit/model/artifact/tiny_model.h"
 #include "tests/unit/model/inference/reference_model.h"
 
-namespace maneuver::integration {
+namespace maneuver::integration::swaps_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -139,4 +139,4 @@ TEST(SwapsTest, EachAnswerComesFromOneVersionWhileVersionsAreSwapped) {
 }
 
 }  // namespace
-}  // namespace maneuver::integration
+}  // namespace maneuver::integration::swaps_test

@@ -16,7 +16,7 @@
 #include "tests/integration/raw_call.h"
 #include "tests/integration/secured_server.h"
 
-namespace maneuver::integration {
+namespace maneuver::integration::tls_test {
 namespace {
 
 using ::testing::AllOf;
@@ -296,4 +296,4 @@ TEST_F(TlsTest, LimitsTheCallsOfAConnectionAndClosesItWhenIdle) {
 }
 
 }  // namespace
-}  // namespace maneuver::integration
+}  // namespace maneuver::integration::tls_test

@@ -26,6 +26,7 @@ const char kTinySettings[] = R"({
     "decoder": {"hidden": [48, 48]},
     "scenario_encoder": {"hidden": [32, 32]}
   },
+  "examples": {"max_examples": 2000},
   "optimization": {"pretraining_epochs": 10, "mixture_epochs": 5, "joint_epochs": 4, "posterior_epochs": 1},
   "seed": 7,
   "threads": 1
@@ -45,6 +46,7 @@ const char kTinyLanesSettings[] = R"({
     "decoder": {"hidden": [48, 48]},
     "scenario_encoder": {"hidden": [32]}
   },
+  "examples": {"max_examples": 5000},
   "optimization": {"pretraining_epochs": 10, "mixture_epochs": 5, "joint_epochs": 4, "covariance_epochs": 1},
   "seed": 7,
   "threads": 1

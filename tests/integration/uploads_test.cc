@@ -22,7 +22,7 @@
 #include "tests/integration/server_process.h"
 #include "tests/unit/model/data/recordings_for_tests.h"
 
-namespace maneuver::integration {
+namespace maneuver::integration::uploads_test {
 namespace {
 
 using ::testing::HasSubstr;
@@ -151,4 +151,4 @@ TEST_F(UploadsTest, RepeatingAKilledCommandContinuesItsUpload) {
 }
 
 }  // namespace
-}  // namespace maneuver::integration
+}  // namespace maneuver::integration::uploads_test

@@ -6,7 +6,6 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
-#include <cstdlib>
 #include <exception>
 #include <filesystem>
 #include <functional>
@@ -19,6 +18,7 @@
 #include "model/kernels/kernel_choice.h"
 #include "model/learning/trainer.h"
 #include "model/learning/training_failure.h"
+#include "model/machine/openmp_spinning.h"
 #include "server/jobs/trainer/cross_validate_command.h"
 #include "server/jobs/trainer/evaluate_command.h"
 #include "server/jobs/trainer/match_actions_command.h"
@@ -65,13 +65,9 @@ constexpr char kFooter[] = R"(Exit status:
   84  tags would take more room than they may
   143 stopped by SIGTERM (130: by SIGINT); nothing half-written remains)";
 
-// OpenMP's idle threads spin for milliseconds by default: on cores that are shared, with the server
-// above all, that costs several times the work. The runtime reads its limit when it is loaded, so
-// the program starts itself once more with it set.
+// Starts the program once more if that shortens OpenMP's spinning.
 void ShortenSpinning(char** argv) {
-  constexpr char kVariable[] = "GOMP_SPINCOUNT";
-  if (std::getenv(kVariable) != nullptr || std::getenv("OMP_WAIT_POLICY") != nullptr) return;
-  if (setenv(kVariable, "10000", /*overwrite=*/0) != 0) return;
+  if (!maneuver::machine::ShortenOpenMpSpinning()) return;
   // By its own path, so that ps and top go on showing its name.
   std::error_code error;
   const auto self = std::filesystem::read_symlink("/proc/self/exe", error);

@@ -42,6 +42,15 @@ class TrainingTest : public testing::Test {
     return run;
   }
 
+  // One that learns little.
+  TrainingRun ShortRun(const std::string& name) {
+    TrainingRun run = Run(name);
+    run.settings.mutable_optimization()->set_pretraining_epochs(2);
+    run.settings.mutable_optimization()->set_mixture_epochs(1);
+    run.settings.mutable_optimization()->set_joint_epochs(1);
+    return run;
+  }
+
   const TemporaryFolder folder_;
   std::vector<v1::JobProgress> progress_;
 };
@@ -103,7 +112,7 @@ TEST_F(TrainingTest, LearnsPedestriansThatWalkAlongArcs) {
 }
 
 TEST_F(TrainingTest, ReportsEveryPhaseAndTheTermsOfTheBound) {
-  ASSERT_TRUE(Train(Run("model"), Data()).ok());
+  ASSERT_TRUE(Train(ShortRun("model"), Data()).ok());
   std::vector<std::string> phases;
   double fraction = 0.0;
   const v1::EpochReport* joint = nullptr;
@@ -133,7 +142,7 @@ TEST_F(TrainingTest, ReportsEveryPhaseAndTheTermsOfTheBound) {
 }
 
 TEST_F(TrainingTest, WhatFollowsTheRunIsAPartOfItsProgress) {
-  TrainingRun run = Run("model");
+  TrainingRun run = ShortRun("model");
   run.seconds_after = 20.0;
   ASSERT_TRUE(Train(run, Data()).ok());
   bool has_told = false;
@@ -202,11 +211,8 @@ TEST_F(TrainingTest, SeveralPlacementsAreTriedAndTheBestBoundIsKept) {
 }
 
 TEST_F(TrainingTest, AnEpochUsesAtMostMaxExamples) {
-  TrainingRun run = Run("model");
+  TrainingRun run = ShortRun("model");
   run.settings.mutable_examples()->set_max_examples(50);
-  run.settings.mutable_optimization()->set_pretraining_epochs(2);
-  run.settings.mutable_optimization()->set_mixture_epochs(1);
-  run.settings.mutable_optimization()->set_joint_epochs(1);
   ASSERT_TRUE(Train(run, Data()).ok());
   int64_t before = 0;
   int64_t joint_steps = 0;
@@ -221,11 +227,8 @@ TEST_F(TrainingTest, OnlyTheSameSeedGivesTheSameWeights) {
   const TrainingData data = Data();
   std::vector<std::string> weights;
   for (const int seed : {7, 7, 8}) {
-    TrainingRun run = Run("model" + std::to_string(weights.size()));
+    TrainingRun run = ShortRun("model" + std::to_string(weights.size()));
     run.settings.set_seed(seed);
-    run.settings.mutable_optimization()->set_pretraining_epochs(2);
-    run.settings.mutable_optimization()->set_mixture_epochs(1);
-    run.settings.mutable_optimization()->set_joint_epochs(1);
     ASSERT_TRUE(Train(run, data).ok());
     weights.push_back(ReadBytes(run.output / "weights.safetensors"));
   }
@@ -326,7 +329,7 @@ TEST_F(TrainingTest, WritesCheckpointsAtTheirIntervalAndWhenStopped) {
 }
 
 TEST_F(TrainingTest, FailsIfFewerActionsAreEffectiveThanRequired) {
-  TrainingRun run = Run("model");
+  TrainingRun run = ShortRun("model");
   run.least_effective_actions = run.settings.model().actions() + 1;
   const absl::Status status = Train(run, Data()).status();
   EXPECT_EQ(FailureOf(status), TrainingFailure::kCollapsed);
