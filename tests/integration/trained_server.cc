@@ -26,7 +26,7 @@ const char kTinySettings[] = R"({
     "decoder": {"hidden": [48, 48]},
     "scenario_encoder": {"hidden": [32, 32]}
   },
-  "examples": {"max_examples": 2000},
+  "examples": {"max_examples": 4000},
   "optimization": {"pretraining_epochs": 10, "mixture_epochs": 5, "joint_epochs": 4, "posterior_epochs": 1},
   "seed": 7,
   "threads": 1
