@@ -47,9 +47,9 @@ struct MeasuredModel {
 
 }  // namespace
 
-absl::StatusOr<v1::ActionMatching> MatchActions(const inference::ActionModel& first,
-                                                const inference::ActionModel& second,
-                                                const EvaluationInput& input) {
+absl::StatusOr<v1::ActionMatching> MeasureMatching(const inference::ActionModel& first,
+                                                   const inference::ActionModel& second,
+                                                   const EvaluationInput& input) {
   MeasuredModel ours(first, input);
   MeasuredModel theirs(second, input);
   ActionPairs pairs;

@@ -17,9 +17,9 @@ namespace maneuver::evaluation {
 // Pairs the actions of two models as action_matching.h does, with their shares over the examples of
 // `input`. Also measures how far the models agree on the action of each example, argmax q(y|x,s).
 // Errors: also those of Evaluate.
-absl::StatusOr<v1::ActionMatching> MatchActions(const inference::ActionModel& first,
-                                                const inference::ActionModel& second,
-                                                const EvaluationInput& input);
+absl::StatusOr<v1::ActionMatching> MeasureMatching(const inference::ActionModel& first,
+                                                   const inference::ActionModel& second,
+                                                   const EvaluationInput& input);
 
 // How many examples have each pair of actions, one of each model.
 using ActionPairs = std::map<std::pair<int, int>, int64_t>;

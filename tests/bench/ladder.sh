@@ -13,7 +13,8 @@
 # Each core runs one fold at a time. A row takes about a quarter of an hour of one core on 285
 # recordings. These rows run only if ROWS names them: `paper` takes four hours of a core, `resnet50-64`
 # eight, `resnet50` days; `eighteen-actions`, `forty-actions`, `more-decay` and `wider` are choices
-# that were made on one fold; `inputs-1` and `inputs-2` read scenes by earlier versions of the rules.
+# that were made on one fold; `drop-history` shortens histories; `inputs-1` and `inputs-2` read scenes by earlier
+# versions of the rules.
 set -euo pipefail
 : "${1:?name dataset folders; see the beginning of this script}"
 other=${OTHER:-}
@@ -50,6 +51,7 @@ declare -A settings=(
   [dropout]='{"preset": "lanes", "optimization": {"dropout": 0.35, "geometry_dropout": 0.2}}'
   [reconstruction]='{"preset": "lanes", "optimization": {"posterior_reconstruction_weight": 0.6}}'
   [metres-decay]='{"preset": "lanes-metres", "optimization": {"weight_decay": 0.1}}'
+  [drop-history]='{"preset": "lanes", "augmentation": {"drop_history": 0.2}}'
   [inputs-1]='{"preset": "lanes", "model": {"inputs_version": 1}}'
   [inputs-2]='{"preset": "lanes", "model": {"inputs_version": 2}}'
   [lanes]='{"preset": "lanes"}'

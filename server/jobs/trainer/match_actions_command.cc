@@ -65,7 +65,7 @@ absl::StatusOr<v1::ActionMatching> MatchActionsCommand::Match(
   input.examples = artifact::ResolveTrainingSettings({}).examples();
   input.threads = threads_ > 0 ? threads_ : machine::UsableCores();
   input.progress = [](int64_t, int64_t) { return !StopRequested(); };
-  return evaluation::MatchActions(first, second, input);
+  return evaluation::MeasureMatching(first, second, input);
 }
 
 }  // namespace maneuver::trainer

@@ -483,12 +483,12 @@ TEST_F(EvaluatorTest, MatchesActionsOverBlocksToTheSameDigits) {
   const auto blocks = OneByOne(recordings_, temporary.path() / "dataset");
   ASSERT_TRUE(blocks.ok()) << blocks.status();
   const auto model = FakeModel::WithActions();
-  const auto in_memory = MatchActions(*model, *model, input_);
+  const auto in_memory = MeasureMatching(*model, *model, input_);
   ASSERT_TRUE(in_memory.ok()) << in_memory.status();
   EXPECT_GT(in_memory->coincidence().examples(), 0);
   input_.recordings = {};
   input_.blocks = &*blocks;
-  const auto by_block = MatchActions(*model, *model, input_);
+  const auto by_block = MeasureMatching(*model, *model, input_);
   ASSERT_TRUE(by_block.ok()) << by_block.status();
   EXPECT_EQ(by_block->DebugString(), in_memory->DebugString());
 }
