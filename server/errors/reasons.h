@@ -101,7 +101,8 @@ inline constexpr ReasonEntry kReasons[] = {
      "wait as long as RetryInfo says; read answers as they come"},
     {"ANSWER_UNSOUND", "INTERNAL",
      "the model's answer for a target is not finite or not a distribution, and was withheld",
-     "report the scenario, whose digest is in the server's log; ask another version"},
+     "report the scenario, whose digest is in the server's log (of ten such a second); ask another "
+     "version"},
     {"ENGINE_FAILED", "INTERNAL",
      "a library under the model's networks failed, for example for want of memory",
      "repeat the request, with fewer targets if memory is short; the server's log has more"},
