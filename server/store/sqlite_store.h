@@ -1,8 +1,8 @@
 // Jobs and aliases in one SQLite file.
 //
 // WAL with synchronous=FULL: a call that returned OK survives a power cut. Each change is brought into
-// the file at once, so the journal holds nothing that the file lacks. A back-up may read the file
-// while it is open; the lock of the data folder, not of the file, keeps a second server off.
+// the file at once, so that the journal holds nothing that the file lacks, unless somebody reads or
+// the power fails just then. A back-up may read the file while it is open; the lock of the data folder, not of the file, keeps a second server off.
 // user_version is the schema's version.
 
 #ifndef MANEUVER_SERVER_STORE_SQLITE_STORE_H_
