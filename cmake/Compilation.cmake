@@ -47,13 +47,10 @@ endif()
 
 find_program(CCACHE_PROGRAM ccache)
 if(CCACHE_PROGRAM AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
-  # ccache leaves what begins with precompiled headers to the compiler unless it may take two
-  # things lightly that do not occur here: other definitions when the headers are precompiled, and
-  # __DATE__ and __TIME__. Paths below the source folder count as relative, so that a clone in
-  # another folder compiles nothing again.
-  set(CMAKE_CXX_COMPILER_LAUNCHER "${CMAKE_COMMAND}" -E env
-    CCACHE_SLOPPINESS=pch_defines,time_macros "CCACHE_BASEDIR=${CMAKE_SOURCE_DIR}"
-    CCACHE_NOHASHDIR=true "${CMAKE_SOURCE_DIR}/cmake/ccache.sh" "${CCACHE_PROGRAM}")
+  # Paths below the source folder count as relative, so that a clone in another folder compiles
+  # nothing again.
+  set(CMAKE_CXX_COMPILER_LAUNCHER "${CMAKE_COMMAND}" -E env "CCACHE_BASEDIR=${CMAKE_SOURCE_DIR}"
+    CCACHE_NOHASHDIR=true "${CCACHE_PROGRAM}")
 endif()
 find_program(LLD_PROGRAM ld.lld)
 if(LLD_PROGRAM)

@@ -13,15 +13,7 @@ function(maneuver_together target together)
   endif()
 endfunction()
 
-# Lets a target begin with the headers that `owner` has read and stored, if one is named. They must
-# have the same code generation flags and definitions.
-function(maneuver_begin_with_headers_of target owner)
-  if(owner)
-    target_precompile_headers(${target} REUSE_FROM ${owner})
-  endif()
-endfunction()
-
-# maneuver_library(NAME scene SOURCES a.cc ... DEPENDS ... [TOGETHER] [HEADERS_OF maneuver_proto])
+# maneuver_library(NAME scene SOURCES a.cc ... DEPENDS ... [TOGETHER])
 #
 # The one library of a folder, `maneuver_<name>`. DEPENDS are public, PRIVATE
 # are seen by its .cc files alone. Without SOURCES it is headers only.
@@ -29,18 +21,13 @@ endfunction()
 # TOGETHER: its sources share heavy headers and are compiled as one, for a faster
 # first build; -DMANEUVER_UNITY=OFF compiles each alone, as one wants while editing.
 # Their private names must then differ.
-#
-# HEADERS_OF: reads the precompiled headers of maneuver_proto (protobuf, absl, all messages), or of
-# maneuver_grpc (those, gRPC and the services), instead of its own. Each source still includes what
-# it uses.
 function(maneuver_library)
-  cmake_parse_arguments(ARG "TOGETHER" "NAME;HEADERS_OF" "SOURCES;DEPENDS;PRIVATE" ${ARGN})
+  cmake_parse_arguments(ARG "TOGETHER" "NAME" "SOURCES;DEPENDS;PRIVATE" ${ARGN})
   set(target maneuver_${ARG_NAME})
   if(ARG_SOURCES)
     add_library(${target} STATIC ${ARG_SOURCES})
     target_compile_options(${target} PRIVATE ${MANEUVER_WARNINGS})
     maneuver_together(${target} ${ARG_TOGETHER})
-    maneuver_begin_with_headers_of(${target} "${ARG_HEADERS_OF}")
     target_include_directories(${target} PUBLIC "${CMAKE_SOURCE_DIR}")
     target_link_libraries(${target} PUBLIC ${ARG_DEPENDS} PRIVATE ${ARG_PRIVATE})
   else()
@@ -50,16 +37,14 @@ function(maneuver_library)
   endif()
 endfunction()
 
-# maneuver_program(NAME maneuverd COMPONENT server SOURCES main.cc DEPENDS ... [TOGETHER]
-#   [HEADERS_OF maneuver_grpc])
+# maneuver_program(NAME maneuverd COMPONENT server SOURCES main.cc DEPENDS ... [TOGETHER])
 #
 # COMPONENT: the part of the installation, and the package, that it belongs to (deploy/packages).
 function(maneuver_program)
-  cmake_parse_arguments(ARG "TOGETHER" "NAME;COMPONENT;HEADERS_OF" "SOURCES;DEPENDS" ${ARGN})
+  cmake_parse_arguments(ARG "TOGETHER" "NAME;COMPONENT" "SOURCES;DEPENDS" ${ARGN})
   add_executable(${ARG_NAME} ${ARG_SOURCES})
   target_compile_options(${ARG_NAME} PRIVATE ${MANEUVER_WARNINGS})
   maneuver_together(${ARG_NAME} ${ARG_TOGETHER})
-  maneuver_begin_with_headers_of(${ARG_NAME} "${ARG_HEADERS_OF}")
   target_include_directories(${ARG_NAME} PRIVATE "${CMAKE_SOURCE_DIR}")
   target_compile_definitions(${ARG_NAME} PRIVATE MANEUVER_VERSION="${PROJECT_VERSION}")
   target_link_libraries(${ARG_NAME} PRIVATE ${ARG_DEPENDS})
@@ -67,16 +52,14 @@ function(maneuver_program)
     COMPONENT ${ARG_COMPONENT})
 endfunction()
 
-# Says how the sources of a test program are compiled: together, and with the headers of `owner`
-# (above) if one is named. Optimises them little: their code runs once, and -O2 takes half as long
-# again. What they test is compiled as it is shipped.
+# Says how the sources of a test program are compiled: together, and little optimised: their code runs
+# once, and -O2 takes half as long again. What they test is compiled as it is shipped.
 #
 # An x_test.cc is compiled with other tests if it is in a namespace `x_test`. Otherwise it may have
 # private names that another has too, and is compiled alone.
-function(maneuver_test_program target owner)
+function(maneuver_test_program target)
   target_compile_options(${target} PRIVATE ${MANEUVER_WARNINGS} "$<$<CONFIG:Release>:-O1>")
   maneuver_together(${target} TRUE)
-  maneuver_begin_with_headers_of(${target} "${owner}")
   target_include_directories(${target} PRIVATE "${CMAKE_SOURCE_DIR}")
   get_target_property(sources ${target} SOURCES)
   list(FILTER sources INCLUDE REGEX "_test\\.cc$")
@@ -107,18 +90,18 @@ function(maneuver_suites_of result)
   set(${result} "${suites}" PARENT_SCOPE)
 endfunction()
 
-# maneuver_test(NAME scene SOURCES a_test.cc ... DEPENDS ... [HEADERS_OF maneuver_proto] [BY_SUITE])
+# maneuver_test(NAME scene SOURCES a_test.cc ... DEPENDS ... [BY_SUITE])
 #
 # One program of unit tests, `<name>_test`, for a folder; each case is a ctest. With BY_SUITE each suite
 # is one: for a program that takes long to start.
 function(maneuver_test)
-  cmake_parse_arguments(ARG "BY_SUITE" "NAME;TIMEOUT;HEADERS_OF" "SOURCES;DEPENDS" ${ARGN})
+  cmake_parse_arguments(ARG "BY_SUITE" "NAME;TIMEOUT" "SOURCES;DEPENDS" ${ARGN})
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 120)
   endif()
   set(target ${ARG_NAME}_test)
   add_executable(${target} ${ARG_SOURCES})
-  maneuver_test_program(${target} "${ARG_HEADERS_OF}")
+  maneuver_test_program(${target})
   target_link_libraries(${target} PRIVATE ${ARG_DEPENDS} GTest::gmock GTest::gtest_main)
   set_target_properties(${target} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/tests")
   if(ARG_BY_SUITE)

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Checks that each source that has changed compiles by itself.
 
-A unity build and precompiled headers hide a missing include. So this compiles each source by
-itself, without precompiled headers and without making code, with the compile commands of the build.
+A unity build hides a missing include. So this compiles each source by itself, without making code,
+with the compile commands of the build.
 Changed is what tidy.py takes for changed, in its order. Says what it left out: what is beyond
 --sources or --minutes.
 """

@@ -70,14 +70,10 @@ def changed_sources(lines):
 
 
 def commands_by_source(build):
-    """Returns the compile command of each source, as a list, also of those that a unity build joins.
-
-    Precompiled headers are left out: clang does not read those of GCC.
-    """
+    """Returns the compile command of each source, as a list, also of those that a unity build joins."""
     commands = {}
     for entry in json.loads((build / "compile_commands.json").read_text()):
         command, unit = entry["command"], pathlib.Path(entry["file"])
-        command = re.sub(r" -include \S*cmake_pch\.hxx| -Winvalid-pch", "", command)
         sources = [unit]
         if unit.name.startswith("unity_"):
             sources = map(pathlib.Path, re.findall(r'#include "(.*)"', unit.read_text()))

@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "maneuver/v1/scenario.pb.h"
 #include "model/files/durable_file.h"
 #include "tests/unit/model/tags/tags_for_tests.h"
 #include "tests/unit/temporary_folder.h"
